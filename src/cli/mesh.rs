@@ -247,7 +247,8 @@ fn loss_notes(regions: &[RegionSummary], mesher: &MeshReport) -> Vec<String> {
     let listed = |by_smoothing: bool| {
         let lost = |r: &&RegionSummary| {
             let fraction = r.input_volume.map_or(0.0, |v| 1.0 - r.volume / v);
-            fraction > LOST && (is_resolved || fraction - r.smoothed_fraction < LOST) == by_smoothing
+            fraction > LOST
+                && (is_resolved || fraction - r.smoothed_fraction < LOST) == by_smoothing
         };
         let labels = regions.iter().filter(lost).map(|r| r.label.to_string());
         let labels: Vec<String> = labels.collect();

@@ -78,7 +78,8 @@ fn insert(bytes: &[u8], open: &mut Vec<PathBuf>, whole: &mut Vec<u8>) -> ParseRe
         while card.ends_with(',')
             && let Some(next) = rest.next_if(|next| {
                 let next = next.trim_ascii_start();
-                next.first().is_some_and(|b| b.is_ascii_alphabetic() || *b == b'"')
+                next.first()
+                    .is_some_and(|b| b.is_ascii_alphabetic() || *b == b'"')
             })
         {
             card.push_str(&String::from_utf8_lossy(next.trim_ascii()));
@@ -196,7 +197,11 @@ impl Lines {
 
     /// Returns the position for errors.
     pub fn position(&self) -> String {
-        let files: String = self.open.iter().map(|(name, _)| format!("{name}, ")).collect();
+        let files: String = self
+            .open
+            .iter()
+            .map(|(name, _)| format!("{name}, "))
+            .collect();
         format!("{files}line {}", self.number)
     }
 }

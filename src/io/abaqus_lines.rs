@@ -53,9 +53,7 @@ pub(super) fn members<'a>(
 ) -> ParseResult<Vec<Member>> {
     let words = words.filter(|word| !word.is_empty());
     if !generate {
-        return Ok(words
-            .map(|word| instance_member(word).1)
-            .collect());
+        return Ok(words.map(|word| instance_member(word).1).collect());
     }
     let numbers = words
         .map(|word| tag(word, "a number of a range"))

@@ -36,8 +36,18 @@ const SECTIONS: [(&str, u8, usize); 16] = [
 
 /// Starts of the names of sections that hold neither vertices nor cells, and are skipped silently.
 const SILENT: [&str; 12] = [
-    "required", "corners", "ridges", "normal", "tangent", "angleof", "geometry", "bounding",
-    "subdomain", "iterations", "time", "identifier",
+    "required",
+    "corners",
+    "ridges",
+    "normal",
+    "tangent",
+    "angleof",
+    "geometry",
+    "bounding",
+    "subdomain",
+    "iterations",
+    "time",
+    "identifier",
 ];
 
 /// Reads the content of a `.mesh` file.

@@ -76,7 +76,8 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
         return Err("file has no vertices".into());
     }
     if attributes.iter().any(|a| *a != 0.0) {
-        mesh.fields.push(integer_field("mfem:attribute", attributes));
+        mesh.fields
+            .push(integer_field("mfem:attribute", attributes));
     }
     Ok(mesh)
 }

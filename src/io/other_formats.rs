@@ -32,8 +32,9 @@ enum Test {
 }
 
 // "{in}" stands for the file, "{out}" for its name without extension.
-const MESHIO: &str =
-    "convert it with meshio (pip install meshio; meshio convert {in} {out}.vtu)";
+const MESHIO: &str = "convert it with meshio (pip install meshio; meshio convert {in} {out}.vtu)";
+const MESHIO_OR_GMSH: &str = "convert it with meshio (pip install meshio; meshio convert {in} \
+    {out}.vtu) or Gmsh (gmsh {in} -save -o {out}.msh)";
 const MESHIO_HDF5: &str =
     "convert it with meshio (pip install meshio h5py; meshio convert {in} {out}.vtu)";
 const MESHIO_OR_PARAVIEW: &str = "convert it with meshio (pip install meshio h5py netCDF4; meshio \
@@ -50,7 +51,7 @@ const LS_DYNA: &str = "open it in LS-PrePost or FEBio Studio, export its mesh as
     and convert that with meshio (pip install meshio; meshio convert {out}.nas {out}.vtu)";
 const COMSOL: &str = "export the mesh from COMSOL as Nastran (.nas), and convert that with meshio \
     (pip install meshio; meshio convert {out}.nas {out}.vtu)";
-const MAPDL: &str = "convert it in Python (pip install mapdl-archive): \
+const MAPDL: &str = "convert it in Python (pip install mapdl-archive[vtk]): \
     mapdl_archive.Archive(\"{in}\").grid.save(\"{out}.vtu\")";
 const BLENDER: &str = "open it in Blender or MeshLab and export it as STL, PLY or OBJ";
 const SLICER: &str = "open it in 3D Slicer and save it as .nrrd or .nii.gz";
@@ -66,57 +67,179 @@ const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// More specific rows precede others that recognise the same content.
 const OTHERS: [Other; 51] = [
-    row("MED (SALOME, Code_Aster)", &["med", "rmed", "mmed"], Hdf5(&["INFOS_GENERALES", "ENS_MAA"]), MESHIO_HDF5),
-    row("CGNS", &["cgns"], Hdf5(&["CGNSLibraryVersion"]), MESHIO_OR_PARAVIEW),
+    row(
+        "MED (SALOME, Code_Aster)",
+        &["med", "rmed", "mmed"],
+        Hdf5(&["INFOS_GENERALES", "ENS_MAA"]),
+        MESHIO_HDF5,
+    ),
+    row(
+        "CGNS",
+        &["cgns"],
+        Hdf5(&["CGNSLibraryVersion"]),
+        MESHIO_OR_PARAVIEW,
+    ),
     row("VTKHDF", &["vtkhdf"], Hdf5(&["VTKHDF"]), PARAVIEW),
     row("MOAB (H5M)", &["h5m"], Hdf5(&["tstt"]), MESHIO_HDF5),
-    row("Exodus II", &["e", "exo", "ex2", "exii", "g", "gen"], If(is_exodus), MESHIO_OR_PARAVIEW),
+    row(
+        "Exodus II",
+        &["e", "exo", "ex2", "exii", "g", "gen"],
+        If(is_exodus),
+        MESHIO_OR_PARAVIEW,
+    ),
     row("MINC", &["mnc", "mnc2"], Hdf5(&["minc-2.0"]), NIBABEL),
     row("HDF5", &["h5", "hdf5", "hdf"], Bytes(HDF5), XDMF_OF_HDF5),
-    row("NetCDF", &["nc", "cdf"], If(is_netcdf), "save its mesh as .vtu in ParaView, or its volume as .nii.gz with nibabel"),
-    row("XDMF", &["xdmf", "xmf", "xdmf3"], Xml("<xdmf"), MESHIO_OR_PARAVIEW),
-    row("FEBio", &["feb", "fsm", "fs2", "fsprj"], Xml("<febio_spec"), "open it in FEBio Studio and export its mesh as VTK"),
+    row(
+        "NetCDF",
+        &["nc", "cdf"],
+        If(is_netcdf),
+        "save its mesh as .vtu in ParaView, or its volume as .nii.gz with nibabel",
+    ),
+    row(
+        "XDMF",
+        &["xdmf", "xmf", "xdmf3"],
+        Xml("<xdmf"),
+        MESHIO_OR_PARAVIEW,
+    ),
+    row(
+        "FEBio",
+        &["feb", "fsm", "fs2", "fsprj"],
+        Xml("<febio_spec"),
+        "open it in FEBio Studio and export its mesh as VTK",
+    ),
     row("DOLFIN XML (FEniCS)", &[], Xml("<dolfin"), MESHIO),
     row("GIFTI", &["gii"], Xml("<gifti"), FREESURFER),
     row("COLLADA", &["dae"], Xml("<collada"), BLENDER),
     row("X3D", &["x3d"], Xml("<x3d"), BLENDER),
-    row("UNV (I-DEAS universal file)", &["unv", "uff"], If(is_unv), GMSH),
-    row("Nastran", &["bdf", "nas", "fem", "bulk"], If(is_nastran), MESHIO),
+    row(
+        "UNV (I-DEAS universal file)",
+        &["unv", "uff"],
+        If(is_unv),
+        GMSH,
+    ),
+    row(
+        "Nastran",
+        &["bdf", "nas", "fem", "bulk"],
+        If(is_nastran),
+        MESHIO_OR_GMSH,
+    ),
     row("LS-DYNA", &["k", "key", "dyn"], If(is_ls_dyna), LS_DYNA),
     row("ANSYS archive (CDWRITE)", &["cdb"], If(is_cdb), MAPDL),
     row("ANSYS Fluent", &["cas"], If(is_fluent), MESHIO),
-    row("OpenFOAM", &["foam"], If(is_openfoam), "open the case in ParaView and save it as .vtu, or run foamToVTK"),
-    row("COMSOL", &["mphtxt", "mphbin"], Text(&["# created by comsol"]), COMSOL),
+    row(
+        "OpenFOAM",
+        &["foam"],
+        If(is_openfoam),
+        "open the case in ParaView and save it as .vtu, or run foamToVTK",
+    ),
+    row(
+        "COMSOL",
+        &["mphtxt", "mphbin"],
+        Text(&["# created by comsol"]),
+        COMSOL,
+    ),
     row("Netgen", &["vol"], Text(&["mesh3d"]), MESHIO),
     row("SU2", &["su2"], Text(&["ndime="]), MESHIO),
-    row("Tecplot", &["tec", "plt"], Text(&["title =", "title=", "variables =", "variables="]), MESHIO),
+    row(
+        "Tecplot",
+        &["tec", "plt"],
+        Text(&["title =", "title=", "variables =", "variables="]),
+        MESHIO,
+    ),
     row("FLAC3D", &["f3grid"], Text(&["* flac3d"]), MESHIO),
     row("AFLR3 (UGRID)", &["ugrid"], Never, MESHIO),
-    row("Kratos (MDPA)", &["mdpa"], Text(&["begin modelpartdata"]), MESHIO),
+    row(
+        "Kratos (MDPA)",
+        &["mdpa"],
+        Text(&["begin modelpartdata"]),
+        MESHIO,
+    ),
     row("Permas", &["post", "dato"], Never, MESHIO),
     row("binary Medit", &["meshb"], If(is_binary_medit), MESHIO),
     row("binary AVS UCD", &[], If(is_binary_ucd), PARAVIEW),
     row("EnSight", &["case", "encas"], Never, PARAVIEW),
-    row("TetGen input", &["poly", "smesh"], Never, "mesh it with TetGen (tetgen -p {in}) and give the .node file"),
-    row("STEP (CAD)", &["step", "stp"], Text(&["iso-10303-21"]), MESH_WITH_GMSH),
+    row(
+        "TetGen input",
+        &["poly", "smesh"],
+        Never,
+        "mesh it with TetGen (tetgen -p {in}) and give the .node file",
+    ),
+    row(
+        "STEP (CAD)",
+        &["step", "stp"],
+        Text(&["iso-10303-21"]),
+        MESH_WITH_GMSH,
+    ),
     row("IGES (CAD)", &["iges", "igs"], If(is_iges), MESH_WITH_GMSH),
-    row("BREP (CAD)", &["brep"], Text(&["dbrep_drawable", "cascade topology"]), MESH_WITH_GMSH),
-    row("CAD", &["sldprt", "sat", "x_t", "x_b", "ipt", "jt", "3dm"], Never, "export it as STEP and mesh that with Gmsh (gmsh -3 FILE.step -o FILE.msh)"),
+    row(
+        "BREP (CAD)",
+        &["brep"],
+        Text(&["dbrep_drawable", "cascade topology"]),
+        MESH_WITH_GMSH,
+    ),
+    row(
+        "CAD",
+        &["sldprt", "sat", "x_t", "x_b", "ipt", "jt", "3dm"],
+        Never,
+        "export it as STEP and mesh that with Gmsh (gmsh -3 FILE.step -o FILE.msh)",
+    ),
     row("Gmsh geometry", &["geo"], Never, MESH_WITH_GMSH),
-    row("OFF", &["off"], Text(&["off\n", "off\r", "off ", "coff"]), MESHIO_SURFACE),
+    row(
+        "OFF",
+        &["off"],
+        Text(&["off\n", "off\r", "off ", "coff"]),
+        MESHIO_SURFACE,
+    ),
     row("VRML", &["wrl", "vrml"], Text(&["#vrml"]), BLENDER),
     row("3MF", &["3mf"], Never, BLENDER),
-    row("glTF, FBX, USD, 3DS or Blender", &["gltf", "glb", "fbx", "3ds", "blend", "usd", "usdz", "usda", "usdc"], Bytes(b"glTF"), BLENDER),
-    row("FreeSurfer surface", &["pial", "white", "inflated", "smoothwm"], Bytes(b"\xff\xff\xfe"), FREESURFER),
-    row("DICOM (single file)", &["dcm", "ima", "dicom"], If(is_dicom), DICOM),
+    row(
+        "glTF, FBX, USD, 3DS or Blender",
+        &[
+            "gltf", "glb", "fbx", "3ds", "blend", "usd", "usdz", "usda", "usdc",
+        ],
+        Bytes(b"glTF"),
+        BLENDER,
+    ),
+    row(
+        "FreeSurfer surface",
+        &["pial", "white", "inflated", "smoothwm"],
+        Bytes(b"\xff\xff\xfe"),
+        FREESURFER,
+    ),
+    row(
+        "DICOM (single file)",
+        &["dcm", "ima", "dicom"],
+        If(is_dicom),
+        DICOM,
+    ),
     row("AFNI", &["brik"], Never, NIBABEL),
     row("Philips PAR/REC", &["par", "rec"], Never, NIBABEL),
     row("MRtrix", &["mif"], Text(&["mrtrix image"]), NIBABEL),
     row("GIPL", &["gipl"], Never, SLICER),
-    row("Amira", &["am", "amira"], Text(&["# amiramesh", "# avizo"]), "open it in Amira or Fiji and save it as .nrrd"),
-    row("PNG, JPEG, TIFF or BMP image", &["tif", "tiff", "png", "jpg", "jpeg", "bmp"], If(is_image), SLICER_STACK),
-    row("microscopy image", &["lif", "czi", "nd2"], Never, "open it in Fiji and save it as .nrrd"),
-    row("NumPy or MATLAB array", &["npy", "npz", "mat"], Bytes(b"\x93NUMPY"), "write it as .nii.gz with nibabel, or as .vtu with meshio"),
+    row(
+        "Amira",
+        &["am", "amira"],
+        Text(&["# amiramesh", "# avizo"]),
+        "open it in Amira or Fiji and save it as .nrrd",
+    ),
+    row(
+        "PNG, JPEG, TIFF or BMP image",
+        &["tif", "tiff", "png", "jpg", "jpeg", "bmp"],
+        If(is_image),
+        SLICER_STACK,
+    ),
+    row(
+        "microscopy image",
+        &["lif", "czi", "nd2"],
+        Never,
+        "open it in Fiji and save it as .nrrd",
+    ),
+    row(
+        "NumPy or MATLAB array",
+        &["npy", "npz", "mat"],
+        Bytes(b"\x93NUMPY"),
+        "write it as .nii.gz with nibabel, or as .vtu with meshio",
+    ),
 ];
 
 const fn row(

@@ -131,7 +131,9 @@ impl Columns {
         for (k, defect) in self.defects {
             self.values[k].clear();
             let number = k + 1;
-            warnings.push(format!("attribute {number} of {location} skipped: {defect}"));
+            warnings.push(format!(
+                "attribute {number} of {location} skipped: {defect}"
+            ));
         }
         self.values
     }

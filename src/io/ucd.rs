@@ -182,7 +182,9 @@ fn read_data(
             let shown = String::from_utf8_lossy(words.first().copied().unwrap_or_default());
             at.error_at(
                 start,
-                format_args!("values belong to {shown:?}, expected the number of one of the {location}"),
+                format_args!(
+                    "values belong to {shown:?}, expected the number of one of the {location}"
+                ),
             )
         })?;
         if std::mem::replace(&mut seen[item], true) {
@@ -227,8 +229,9 @@ impl Column {
                 Some(value) => self.values[item * self.width + k] = value,
                 None => {
                     let shown = String::from_utf8_lossy(&word[..word.len().min(40)]);
-                    self.defect
-                        .get_or_insert_with(|| error(format!("expected a number, found {shown:?}")));
+                    self.defect.get_or_insert_with(|| {
+                        error(format!("expected a number, found {shown:?}"))
+                    });
                 }
             }
         }

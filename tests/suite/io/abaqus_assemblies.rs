@@ -48,10 +48,7 @@ fn abaqus_instance_is_translated_then_rotated() {
     assert_eq!(moved.nodes[1], DVec3::new(101.0, 0.0, 0.0));
     assert_eq!(moved.repairs.warnings, Vec::<String>::new());
     // A quarter turn about the axis from (0, 1, 0) along z, after a translation.
-    let turned = assembly(
-        &[("p-1", "p", "1, 0, 0\n0, 1, 0, 0, 1, 7, 90.\n")],
-        "",
-    );
+    let turned = assembly(&[("p-1", "p", "1, 0, 0\n0, 1, 0, 0, 1, 7, 90.\n")], "");
     let turned = read(&(text.clone() + &turned));
     let expected = [
         DVec3::new(1.0, 2.0, 0.0),
@@ -68,7 +65,11 @@ fn abaqus_instance_is_translated_then_rotated() {
 #[test]
 fn abaqus_part_with_several_instances_is_copied() {
     let sets = "*Nset, nset=tip\n4\n*Elset, elset=body\n1\n";
-    let places = [("a", "p", ""), ("b", "p", "0, 0, 5\n"), ("c", "p", "0, 0, 9\n")];
+    let places = [
+        ("a", "p", ""),
+        ("b", "p", "0, 0, 5\n"),
+        ("c", "p", "0, 0, 9\n"),
+    ];
     let of_assembly = "*Elset, elset=last, instance=c\n1\n*Nset, nset=top, instance=c\n4,\n\
         *Nset, nset=ends\na.4, c.tip\n*Nset, nset=none\n1, 2\n";
     let mesh = read(&(part("p", 1.0, sets) + &assembly(&places, of_assembly)));
@@ -90,7 +91,8 @@ fn abaqus_part_with_several_instances_is_copied() {
 fn abaqus_parts_share_numbers_and_become_regions() {
     let two = [("u-1", "upper", "0, 0, 4\n"), ("l-1", "lower", "")];
     let mesh = read(
-        &(part("upper", 1.0, "") + &part("lower", 2.0, "*Elset, elset=all\n1\n")
+        &(part("upper", 1.0, "")
+            + &part("lower", 2.0, "*Elset, elset=all\n1\n")
             + &assembly(&two, "")),
     );
     assert!((mesh.volume() - 9.0 / 6.0).abs() < 1e-12);
@@ -127,14 +129,26 @@ fn abaqus_instance_with_its_own_mesh_is_moved() {
 fn abaqus_assembly_errors_state_instance_and_cause() {
     let text = part("p", 1.0, "");
     for (instance, expected) in [
-        (("i", "q", ""), "instance \"i\" is of part \"q\", which the file does not define"),
-        (("i", "p", "1, x, 0\n"), "line 10: position of instance \"i\" has \"x\""),
+        (
+            ("i", "q", ""),
+            "instance \"i\" is of part \"q\", which the file does not define",
+        ),
+        (
+            ("i", "p", "1, x, 0\n"),
+            "line 10: position of instance \"i\" has \"x\"",
+        ),
         (("i", "p", "1, nan, 0\n"), "expected a number"),
-        (("i", "p", "0, 0, 0\n1, 1, 1, 1, 1, 1, 30\n"), "an axis of length 0"),
+        (
+            ("i", "p", "0, 0, 0\n1, 1, 1, 1, 1, 1, 30\n"),
+            "an axis of length 0",
+        ),
         (("i", "p", "1, 2, 3, 4, 5\n"), "a line of 5 numbers"),
     ] {
         let error = error(&(text.clone() + &assembly(&[instance], "")));
-        assert!(error.contains(expected), "expected {expected:?} in {error:?}");
+        assert!(
+            error.contains(expected),
+            "expected {expected:?} in {error:?}"
+        );
     }
     let undefined = part("p", 1.0, "").replace("1, 1, 2, 3, 4", "1, 1, 2, 3, 5");
     let error = error(&undefined);
@@ -178,7 +192,8 @@ fn abaqus_included_files_are_inserted() {
         assert_eq!(mesh.repairs.warnings, Vec::<String>::new());
     }
     // A path of another machine: the file beside this one.
-    let far = format!("*NODE\n{NODES}*ELEMENT, TYPE=C3D4\n*INCLUDE, INPUT=/far/away/elements.txt\n");
+    let far =
+        format!("*NODE\n{NODES}*ELEMENT, TYPE=C3D4\n*INCLUDE, INPUT=/far/away/elements.txt\n");
     assert_eq!(bench.read("a.inp", far.as_bytes()).unwrap().tets.len(), 1);
     let surface = palpate::io::read_surface(bench.path("a.inp"));
     assert!(surface.is_err(), "a tet has no triangles of its own");
@@ -191,7 +206,10 @@ fn abaqus_include_errors_state_file_and_line() {
     std::fs::write(bench.path("none.inp"), "** nothing\n").unwrap();
     std::fs::write(bench.path("loop.inp"), "*INCLUDE, INPUT=a.inp\n").unwrap();
     for (text, expected) in [
-        ("*HEADING\n*INCLUDE, INPUT=bad.inp\n", "bad.inp, line 3: x of node 2"),
+        (
+            "*HEADING\n*INCLUDE, INPUT=bad.inp\n",
+            "bad.inp, line 3: x of node 2",
+        ),
         (
             "*HEADING\n*INCLUDE, INPUT=gone.inp\n",
             "line 2: *INCLUDE names the file gone.inp, which cannot be read",
@@ -209,12 +227,18 @@ fn abaqus_include_errors_state_file_and_line() {
             "line 3: x of node 1",
         ),
     ] {
-        let error = bench.read("a.inp", text.as_bytes()).unwrap_err().to_string();
+        let error = bench
+            .read("a.inp", text.as_bytes())
+            .unwrap_err()
+            .to_string();
         assert!(
             error.contains(expected),
             "expected {expected:?} in {error:?}"
         );
     }
     let memory = palpate::io::parse("a.inp", b"*INCLUDE, INPUT=x.inp\n").unwrap_err();
-    assert!(memory.to_string().contains("single file in memory"), "{memory}");
+    assert!(
+        memory.to_string().contains("single file in memory"),
+        "{memory}"
+    );
 }

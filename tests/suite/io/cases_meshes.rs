@@ -36,7 +36,10 @@ fn partitioned_gmsh_file_has_regions_of_the_whole() {
 fn gmsh_names_with_blanks_are_kept() {
     for file in ["24_g_name_spaces.msh", "24_g_utf16.msh"] {
         let Some(mesh) = read(file) else { return };
-        let names = [(11, "soft, tissue; a/b".to_owned()), (22, "bone".to_owned())];
+        let names = [
+            (11, "soft, tissue; a/b".to_owned()),
+            (22, "bone".to_owned()),
+        ];
         assert_eq!(mesh.region_names, names.into(), "{file}");
         assert!((mesh.volume() - 2.0).abs() < 1e-9);
     }
@@ -74,7 +77,9 @@ fn medit_ucd_and_mfem_cases_have_their_volumes() {
         assert!(tets.is_none_or(|tets| mesh.tets.len() == tets), "{file}");
         assert_eq!(mesh.repairs.inverted_fixed, 0, "{file}");
     }
-    let Some(mesh) = read("22_u_ucd.inp") else { return };
+    let Some(mesh) = read("22_u_ucd.inp") else {
+        return;
+    };
     let temperature = mesh.field("temp", Location::Node).unwrap();
     assert_eq!(temperature.values[..3], [0.0, 1.0, 2.0]);
 }

@@ -52,8 +52,16 @@ fn groups_of_partitions_give_way_in_version_2() {
 fn damaged_entities_are_rejected() {
     let head = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n";
     for (from, to, expected) in [
-        ("2\n1\n9 1", "2\n99999\n9 1", "the number of ghost entities is 99999"),
-        ("4 3 1 1 2", "4 3 1 99999 2", "the number of partitions of entity 4 is 99999"),
+        (
+            "2\n1\n9 1",
+            "2\n99999\n9 1",
+            "the number of ghost entities is 99999",
+        ),
+        (
+            "4 3 1 1 2",
+            "4 3 1 99999 2",
+            "the number of partitions of entity 4 is 99999",
+        ),
         ("0 0 1 3", "0 0 1 4", "expected an entity's tag"),
     ] {
         assert!(ENTITIES.contains(from), "{from}");
@@ -61,14 +69,19 @@ fn damaged_entities_are_rejected() {
         let text = format!("{head}{entities}{NODES}{ELEMENTS}");
         let error = Bench::new().read("a.msh", text.as_bytes()).unwrap_err();
         let error = error.to_string();
-        assert!(error.contains(expected), "expected {expected:?} in {error:?}");
+        assert!(
+            error.contains(expected),
+            "expected {expected:?} in {error:?}"
+        );
     }
 }
 
 #[test]
 fn damaged_data_costs_that_field() {
     let data = |name: &str, last: &str| {
-        format!("$NodeData\n1\n\"{name}\"\n1\n0\n3\n0\n1\n6\n1 1\n2 2\n3 3\n4 4\n5 5\n6 {last}\n$EndNodeData\n")
+        format!(
+            "$NodeData\n1\n\"{name}\"\n1\n0\n3\n0\n1\n6\n1 1\n2 2\n3 3\n4 4\n5 5\n6 {last}\n$EndNodeData\n"
+        )
     };
     let head = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n";
     let (bad, good) = (data("bad", "?"), data("good", "6"));

@@ -186,9 +186,16 @@ End";
     let field = mesh.field("medit:ref", Location::Cell).unwrap();
     assert_eq!(field.values[..2], [1.0, 2.0]);
     let warnings = mesh.repairs.warnings.join("\n");
-    assert!(warnings.contains("section SubTetrahedra skipped"), "{warnings}");
+    assert!(
+        warnings.contains("section SubTetrahedra skipped"),
+        "{warnings}"
+    );
     assert!(!warnings.contains("Corners"), "{warnings}");
-    for (from, to) in [("2.0\nC", "x\nC"), ("2.0\nC", "inf\nC"), ("Hexaedra", "HexaedraQ9")] {
+    for (from, to) in [
+        ("2.0\nC", "x\nC"),
+        ("2.0\nC", "inf\nC"),
+        ("Hexaedra", "HexaedraQ9"),
+    ] {
         let path = tempfile::tempdir().unwrap();
         let path = path.path().join("a.mesh");
         std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
@@ -207,7 +214,10 @@ fn tetgen_bad_attribute_costs_that_attribute() {
     let names: Vec<&str> = mesh.fields.iter().map(|f| f.name.as_str()).collect();
     assert_eq!(names, ["tetgen:attr1", "tetgen:ref"]);
     let warnings = mesh.repairs.warnings.join("\n");
-    for expected in ["attribute 2 of nodes skipped: line 2", "attribute 1 of cells skipped: line 2"] {
+    for expected in [
+        "attribute 2 of nodes skipped: line 2",
+        "attribute 1 of cells skipped: line 2",
+    ] {
         assert!(warnings.contains(expected), "{warnings}");
     }
 }
