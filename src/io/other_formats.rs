@@ -73,12 +73,7 @@ const OTHERS: [Other; 51] = [
         Hdf5(&["INFOS_GENERALES", "ENS_MAA"]),
         MESHIO_HDF5,
     ),
-    row(
-        "CGNS",
-        &["cgns"],
-        Hdf5(&["CGNSLibraryVersion"]),
-        MESHIO_OR_PARAVIEW,
-    ),
+    row("CGNS", &["cgns"], Hdf5(&["CGNSLibraryVersion"]), PARAVIEW),
     row("VTKHDF", &["vtkhdf"], Hdf5(&["VTKHDF"]), PARAVIEW),
     row("MOAB (H5M)", &["h5m"], Hdf5(&["tstt"]), MESHIO_HDF5),
     row(
@@ -304,6 +299,12 @@ pub(super) fn by_content(bytes: &[u8], extension: &str) -> Option<String> {
     }
     let start = start_of(bytes);
     let other = OTHERS.iter().find(|o| o.recognises(bytes, &start))?;
+    // The extension tells what a container of many formats holds.
+    let named = |o: &&Other| o.extensions.contains(&extension);
+    let other = match other.name {
+        "HDF5" | "NetCDF" => OTHERS.iter().find(named).unwrap_or(other),
+        _ => other,
+    };
     Some(format!(
         "file has the format {}, which is not supported; {}",
         other.name,
