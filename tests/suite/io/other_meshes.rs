@@ -222,7 +222,7 @@ fn unsupported_formats_are_named_with_a_converter() {
         ("a", iges.as_bytes(), "format IGES"),
         ("a.msh", b"(0 \"ANSYS\")\n", "format ANSYS Fluent"),
         ("a.meshb", b"\x01\0\0\0\x02\0\0\0", "format binary Medit"),
-        ("a.mnc", b"x", "nibabel"),
+        ("a.mnc", b"x", "mnc2nii FILE.mnc FILE.nii"),
         ("a.tif", b"II*\0....", "3D Slicer"),
         ("a.glb", b"glTF....", "Blender"),
         ("a.off", b"OFF\n3 1 0\n", "meshio convert FILE.off FILE.ply"),
@@ -242,5 +242,5 @@ fn unsupported_formats_are_named_with_a_converter() {
     let volume = palpate::io::parse_volume("a.mnc", b"CDF\x01").unwrap_err();
     assert!(volume.to_string().contains("format MINC"), "{volume}");
     let volume = palpate::io::parse_volume("a.dcm", b"x").unwrap_err();
-    assert!(volume.to_string().contains("name the folder"), "{volume}");
+    assert!(volume.to_string().contains("dcm2niix"), "{volume}");
 }
