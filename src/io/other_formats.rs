@@ -21,7 +21,6 @@ struct Other {
 enum Test {
     /// Text that begins with one of these, in lower case.
     Text(&'static [&'static str]),
-    /// Bytes at the start.
     Bytes(&'static [u8]),
     /// An HDF5 file with one of these words near its start.
     Hdf5(&'static [&'static str]),
@@ -342,9 +341,6 @@ const PACKED: [(&[u8], &str, &str); 6] = [
     (b"7z\xbc\xaf\x27\x1c", "7-Zip", "7z x"),
 ];
 
-/// Number of bytes of a container that are searched for words.
-const SEARCHED: usize = 1 << 16;
-
 impl Other {
     fn recognises(&self, bytes: &[u8], start: &str) -> bool {
         match self.test {
@@ -421,7 +417,7 @@ fn of_extension(extension: &str) -> Option<&'static Other> {
 }
 
 fn holds(bytes: &[u8], word: &str) -> bool {
-    let searched = &bytes[..bytes.len().min(SEARCHED)];
+    let searched = &bytes[..bytes.len().min(1 << 16)];
     searched.windows(word.len()).any(|w| w == word.as_bytes())
 }
 
@@ -434,7 +430,6 @@ fn is_exodus(bytes: &[u8], start: &str) -> bool {
         && ["num_el_blk", "eb_prop1"].iter().any(|w| holds(bytes, w))
 }
 
-/// The lines of the start of a file, which is in lower case.
 fn lines(start: &str) -> impl Iterator<Item = &str> {
     start.lines().map(str::trim).filter(|l| !l.is_empty())
 }
