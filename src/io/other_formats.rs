@@ -13,13 +13,14 @@ struct Other {
     test: Test,
     /// What converts it.
     remedy: &'static str,
+    /// Whether its files are volumes.
+    volume: bool,
 }
 
 /// How to recognise the content of a file.
 enum Test {
     /// Text that begins with one of these, in lower case.
     Text(&'static [&'static str]),
-    /// Bytes at the start.
     Bytes(&'static [u8]),
     /// An HDF5 file with one of these words near its start.
     Hdf5(&'static [&'static str]),
@@ -42,7 +43,7 @@ const MESHIO_OR_PARAVIEW: &str = "convert it with meshio (pip install meshio h5p
 const MESHIO_SURFACE: &str =
     "convert it with meshio (pip install meshio; meshio convert {in} {out}.ply)";
 const XDMF_OF_HDF5: &str = "if an .xdmf file belongs to it, convert that with meshio (pip install \
-    meshio h5py; meshio convert {out}.xdmf {out}.vtu) or ParaView";
+    meshio h5py; meshio convert {out}.xdmf {out}.vtu) or ParaView; a volume of MINC with nibabel";
 const GMSH: &str = "convert it with Gmsh (gmsh {in} -save -o {out}.msh)";
 const MESH_WITH_GMSH: &str =
     "it describes a shape without a mesh: mesh it with Gmsh (gmsh -3 {in} -o {out}.msh)";
@@ -54,31 +55,20 @@ const COMSOL: &str = "export the mesh from COMSOL as Nastran (.nas), and convert
 const MAPDL: &str = "convert it in Python (pip install mapdl-archive[vtk]): \
     mapdl_archive.Archive(\"{in}\").grid.save(\"{out}.vtu\")";
 const BLENDER: &str = "open it in Blender or MeshLab and export it as STL, PLY or OBJ";
-const SLICER: &str = "open it in 3D Slicer and save it as .nrrd or .nii.gz";
-const SLICER_STACK: &str =
-    "load the stack of images in 3D Slicer, set its spacing, and save it as .nrrd";
-const NIBABEL: &str = "convert it to .nii.gz with nibabel or 3D Slicer";
 const FREESURFER: &str =
     "convert it with FreeSurfer (mris_convert {in} {out}.stl), or save it as STL in 3D Slicer";
-const DICOM: &str = "name the folder of all its slices (requires `cargo build --features dicom`), \
-    or load it in 3D Slicer and save it as .nrrd";
 
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// More specific rows precede others that recognise the same content.
-const OTHERS: [Other; 51] = [
+static OTHERS: [Other; 57] = [
     row(
         "MED (SALOME, Code_Aster)",
         &["med", "rmed", "mmed"],
         Hdf5(&["INFOS_GENERALES", "ENS_MAA"]),
         MESHIO_HDF5,
     ),
-    row(
-        "CGNS",
-        &["cgns"],
-        Hdf5(&["CGNSLibraryVersion"]),
-        MESHIO_OR_PARAVIEW,
-    ),
+    row("CGNS", &["cgns"], Hdf5(&["CGNSLibraryVersion"]), PARAVIEW),
     row("VTKHDF", &["vtkhdf"], Hdf5(&["VTKHDF"]), PARAVIEW),
     row("MOAB (H5M)", &["h5m"], Hdf5(&["tstt"]), MESHIO_HDF5),
     row(
@@ -87,7 +77,12 @@ const OTHERS: [Other; 51] = [
         If(is_exodus),
         MESHIO_OR_PARAVIEW,
     ),
-    row("MINC", &["mnc", "mnc2"], Hdf5(&["minc-2.0"]), NIBABEL),
+    volume(
+        "MINC",
+        &["mnc", "mnc2"],
+        Hdf5(&["minc-2.0"]),
+        "convert it with `mnc2nii {in} {out}.nii` or nibabel",
+    ),
     row("HDF5", &["h5", "hdf5", "hdf"], Bytes(HDF5), XDMF_OF_HDF5),
     row(
         "NetCDF",
@@ -147,14 +142,12 @@ const OTHERS: [Other; 51] = [
         MESHIO,
     ),
     row("FLAC3D", &["f3grid"], Text(&["* flac3d"]), MESHIO),
-    row("AFLR3 (UGRID)", &["ugrid"], Never, MESHIO),
     row(
         "Kratos (MDPA)",
         &["mdpa"],
         Text(&["begin modelpartdata"]),
         MESHIO,
     ),
-    row("Permas", &["post", "dato"], Never, MESHIO),
     row("binary Medit", &["meshb"], If(is_binary_medit), MESHIO),
     row("binary AVS UCD", &[], If(is_binary_ucd), PARAVIEW),
     row("EnSight", &["case", "encas"], Never, PARAVIEW),
@@ -206,39 +199,107 @@ const OTHERS: [Other; 51] = [
         Bytes(b"\xff\xff\xfe"),
         FREESURFER,
     ),
-    row(
-        "DICOM (single file)",
-        &["dcm", "ima", "dicom"],
-        If(is_dicom),
-        DICOM,
+    volume(
+        "DICOM without `DICM` at byte 128",
+        &["dcm", "dicom", "ima"],
+        Never,
+        "add the header with `dcmconv +F` (DCMTK), or convert it with dcm2niix",
     ),
-    row("AFNI", &["brik"], Never, NIBABEL),
-    row("Philips PAR/REC", &["par", "rec"], Never, NIBABEL),
-    row("MRtrix", &["mif"], Text(&["mrtrix image"]), NIBABEL),
-    row("GIPL", &["gipl"], Never, SLICER),
-    row(
+    volume(
+        "AFNI",
+        &["brik", "head"],
+        Never,
+        "convert it with `3dAFNItoNIFTI` or nibabel",
+    ),
+    volume(
+        "Philips PAR/REC",
+        &["par", "rec"],
+        Never,
+        "convert it with dcm2niix or `parrec2nii` (nibabel)",
+    ),
+    volume(
+        "MRtrix",
+        &["mif", "mih"],
+        Text(&["mrtrix image"]),
+        "convert it with `mrconvert {in} {out}.nii.gz`",
+    ),
+    volume(
+        "GIPL",
+        &["gipl"],
+        Never,
+        "convert it to .nii.gz with ITK-SNAP, 3D Slicer or SimpleITK",
+    ),
+    volume(
+        "BXH/XCEDE",
+        &["bxh", "xcede"],
+        Never,
+        "name its data file, or convert it with `bxh2analyze --niigz`",
+    ),
+    volume(
+        "Interfile",
+        &["hv", "h33", "i33"],
+        Text(&["!interfile"]),
+        "convert it with `medcon -c nifti`",
+    ),
+    volume(
+        "ECAT",
+        &[],
+        Bytes(b"MATRIX7"),
+        "convert it with nibabel or `medcon -c nifti`",
+    ),
+    volume(
         "Amira",
         &["am", "amira"],
         Text(&["# amiramesh", "# avizo"]),
         "open it in Amira or Fiji and save it as .nrrd",
     ),
-    row(
-        "PNG, JPEG, TIFF or BMP image",
-        &["tif", "tiff", "png", "jpg", "jpeg", "bmp"],
-        If(is_image),
-        SLICER_STACK,
-    ),
-    row(
-        "microscopy image",
-        &["lif", "czi", "nd2"],
+    volume(
+        "3D Slicer scene",
+        &["mrb", "mrml"],
         Never,
-        "open it in Fiji and save it as .nrrd",
+        "open it in 3D Slicer and save its volume as .nrrd",
     ),
-    row(
-        "NumPy or MATLAB array",
-        &["npy", "npz", "mat"],
+    volume(
+        "TIFF",
+        &["tif", "tiff"],
+        If(is_tiff),
+        "load the stack in 3D Slicer or Fiji, set its spacing, and save it as .nrrd",
+    ),
+    volume(
+        "PNG, JPEG, GIF or BMP picture",
+        &["png", "jpg", "jpeg", "gif", "bmp"],
+        If(is_picture),
+        "load the stack of pictures in 3D Slicer or Fiji, set its spacing, and save it as .nrrd",
+    ),
+    volume(
+        "microscope image",
+        &["czi", "lif", "nd2", "ims", "oib", "lsm"],
+        Never,
+        "save it as .nrrd with Fiji (Bio-Formats)",
+    ),
+    volume(
+        "NumPy array",
+        &["npy", "npz"],
         Bytes(b"\x93NUMPY"),
+        "in Python use `palpate.Volume(array, affine)`",
+    ),
+    volume(
+        "MATLAB array",
+        &["mat"],
+        Text(&["matlab 5.0"]),
         "write it as .nii.gz with nibabel, or as .vtu with meshio",
+    ),
+    volume(
+        "voxels without a header",
+        &["raw", "zraw"],
+        Never,
+        "name the header beside it (.mhd or .nhdr)",
+    ),
+    volume(
+        "voxels without a header",
+        &["img"],
+        Never,
+        "its header, the .hdr of the same name, must be beside it",
     ),
 ];
 
@@ -253,6 +314,20 @@ const fn row(
         extensions,
         test,
         remedy,
+        volume: false,
+    }
+}
+
+/// A format of volumes.
+const fn volume(
+    name: &'static str,
+    extensions: &'static [&'static str],
+    test: Test,
+    remedy: &'static str,
+) -> Other {
+    Other {
+        volume: true,
+        ..row(name, extensions, test, remedy)
     }
 }
 
@@ -265,9 +340,6 @@ const PACKED: [(&[u8], &str, &str); 6] = [
     (b"PK\x03\x04", "zip", "unzip"),
     (b"7z\xbc\xaf\x27\x1c", "7-Zip", "7z x"),
 ];
-
-/// Number of bytes of a container that are searched for words.
-const SEARCHED: usize = 1 << 16;
 
 impl Other {
     fn recognises(&self, bytes: &[u8], start: &str) -> bool {
@@ -302,8 +374,7 @@ pub(super) fn by_content(bytes: &[u8], extension: &str) -> Option<String> {
             ))
         });
     }
-    let start = start_of(bytes);
-    let other = OTHERS.iter().find(|o| o.recognises(bytes, &start))?;
+    let other = of_content(bytes, extension)?;
     Some(format!(
         "file has the format {}, which is not supported; {}",
         other.name,
@@ -313,7 +384,7 @@ pub(super) fn by_content(bytes: &[u8], extension: &str) -> Option<String> {
 
 /// Names the unsupported format of a file by its extension, and what converts it.
 pub(super) fn by_extension(extension: &str) -> Option<String> {
-    let other = OTHERS.iter().find(|o| o.extensions.contains(&extension))?;
+    let other = of_extension(extension)?;
     Some(format!(
         "extension .{extension} denotes the format {}, which is not supported; {}",
         other.name,
@@ -321,8 +392,32 @@ pub(super) fn by_extension(extension: &str) -> Option<String> {
     ))
 }
 
+/// As [`by_content`], then [`by_extension`], for volumes only.
+pub(super) fn of_volume(bytes: &[u8], extension: &str) -> Option<String> {
+    let packed = PACKED.iter().any(|(magic, ..)| bytes.starts_with(magic));
+    match of_content(bytes, extension).or_else(|| of_extension(extension)) {
+        Some(other) if !other.volume => None,
+        None if !packed => None,
+        _ => by_content(bytes, extension).or_else(|| by_extension(extension)),
+    }
+}
+
+fn of_content(bytes: &[u8], extension: &str) -> Option<&'static Other> {
+    let start = start_of(bytes);
+    let other = OTHERS.iter().find(|o| o.recognises(bytes, &start))?;
+    // The extension tells what a container of many formats holds.
+    Some(match other.name {
+        "HDF5" | "NetCDF" => of_extension(extension).unwrap_or(other),
+        _ => other,
+    })
+}
+
+fn of_extension(extension: &str) -> Option<&'static Other> {
+    OTHERS.iter().find(|o| o.extensions.contains(&extension))
+}
+
 fn holds(bytes: &[u8], word: &str) -> bool {
-    let searched = &bytes[..bytes.len().min(SEARCHED)];
+    let searched = &bytes[..bytes.len().min(1 << 16)];
     searched.windows(word.len()).any(|w| w == word.as_bytes())
 }
 
@@ -335,7 +430,6 @@ fn is_exodus(bytes: &[u8], start: &str) -> bool {
         && ["num_el_blk", "eb_prop1"].iter().any(|w| holds(bytes, w))
 }
 
-/// The lines of the start of a file, which is in lower case.
 fn lines(start: &str) -> impl Iterator<Item = &str> {
     start.lines().map(str::trim).filter(|l| !l.is_empty())
 }
@@ -393,18 +487,11 @@ fn is_iges(bytes: &[u8], _: &str) -> bool {
             .is_some_and(|n| matches!(n.trim_ascii(), b"1" | b"0000001"))
 }
 
-fn is_dicom(bytes: &[u8], _: &str) -> bool {
-    bytes.get(128..132) == Some(b"DICM")
+fn is_tiff(bytes: &[u8], _: &str) -> bool {
+    bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*")
 }
 
-fn is_image(bytes: &[u8], _: &str) -> bool {
-    [
-        &b"\x89PNG"[..],
-        b"\xff\xd8\xff",
-        b"II*\0",
-        b"MM\0*",
-        b"GIF8",
-    ]
-    .iter()
-    .any(|magic| bytes.starts_with(magic))
+fn is_picture(bytes: &[u8], _: &str) -> bool {
+    let starts: [&[u8]; 3] = [b"\x89PNG", b"\xff\xd8\xff", b"GIF8"];
+    starts.iter().any(|s| bytes.starts_with(s))
 }

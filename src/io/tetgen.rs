@@ -269,6 +269,8 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
     let mut extra = extra.finish(Location::Cell, &mut mesh.warnings);
     if let Some(groups) = extra.first().filter(|groups| !groups.is_empty()) {
         remarks.add_to(mesh, groups);
+    } else if remarks.regions.is_empty() {
+        remarks.add_to(mesh, &[]);
     }
     let regions = usize::from(!remarks.regions.is_empty()).min(extra.len());
     if whole && let Some(fields) = remarks.fields(Location::Cell, &extra[regions..]) {

@@ -12,7 +12,6 @@ mod nrrd_space;
 mod pattern;
 mod segmentation;
 mod stream;
-mod unsupported;
 mod voxels;
 mod vtk_image;
 mod write;
@@ -154,7 +153,7 @@ fn format_of(bytes: &[u8], extension: &str) -> VolumeSource {
         return Known(|file, _, number| vtk_image::read(file, number), false);
     } else if mgh::is_mgh(bytes, extension) {
         return Known(mgh::read, true);
-    } else if let Some(what) = unsupported::format_of(bytes, extension) {
+    } else if let Some(what) = other_formats::of_volume(bytes, extension) {
         return Unsupported(what);
     }
     // Unknown content: the reader selected by the extension reports what it expected.

@@ -135,7 +135,7 @@ fn abaqus_assembly_errors_state_instance_and_cause() {
         ),
         (
             ("i", "p", "1, x, 0\n"),
-            "line 10: position of instance \"i\" has \"x\"",
+            "line 12: position of instance \"i\" has \"x\"",
         ),
         (("i", "p", "1, nan, 0\n"), "expected a number"),
         (
