@@ -2,7 +2,7 @@
 //!
 //! Faces are fanned by the rule of the other cells (see [`super::raw_mesh`]), so the tets conform
 //! across shared faces. The tets join the faces to the node of smallest number, or, where that
-//! gives flat or inverted tets, to a new node at the centre.
+//! gives flat or inverted tets, to a new node inside.
 
 use crate::mesh::signed_volume;
 use glam::DVec3;
@@ -20,8 +20,8 @@ pub(super) struct Split {
 }
 
 /// Splits the polyhedron of faces with the nodes `corners`, of which each has its number of `sizes`.
-/// Faces may have any orientation. `None` if the faces do not enclose a volume, or if neither a
-/// corner nor the centre sees all of them.
+/// Faces may have any orientation. `None` if the faces do not enclose a volume, or if no point was
+/// found that sees all of them.
 pub(super) fn split(corners: &[u32], sizes: &[u32], nodes: &[DVec3]) -> Option<Split> {
     let mut faces = rings(corners, sizes);
     orient(&mut faces)?;
@@ -55,10 +55,13 @@ pub(super) fn split(corners: &[u32], sizes: &[u32], nodes: &[DVec3]) -> Option<S
             centre: None,
         });
     }
-    let centre = centre(&triangles, nodes);
     let number = u32::try_from(nodes.len()).ok()?;
-    let sees_all = triangles.iter().all(|t| volume(t, centre) > least);
-    sees_all.then(|| Split {
+    let sees_all = |centre: &DVec3| triangles.iter().all(|t| volume(t, *centre) > least);
+    let mean = centre(&triangles, nodes);
+    let centre = Some(mean)
+        .filter(sees_all)
+        .or_else(|| Some(inmost(&triangles, nodes, mean)).filter(sees_all))?;
+    Some(Split {
         tets: joined(number, &triangles),
         centre: Some(centre),
     })
@@ -164,4 +167,33 @@ fn centre(triangles: &[[u32; 3]], nodes: &[DVec3]) -> DVec3 {
     used.dedup();
     let sum: DVec3 = used.iter().map(|v| nodes[*v as usize]).sum();
     sum / used.len() as f64
+}
+
+/// Returns the point that lies deepest behind the planes of all triangles, as far as it is found
+/// from `start`: in each step it moves away from the nearest plane, by less and less.
+fn inmost(triangles: &[[u32; 3]], nodes: &[DVec3], start: DVec3) -> DVec3 {
+    const STEPS: u32 = 300;
+    let planes: Vec<(DVec3, DVec3)> = triangles
+        .iter()
+        .map(|t| t.map(|v| nodes[v as usize]))
+        .map(|[a, b, c]| (a, (b - a).cross(c - a).normalize_or_zero()))
+        .filter(|(_, normal)| *normal != DVec3::ZERO)
+        .collect();
+    let size = planes
+        .iter()
+        .map(|(a, _)| a.distance(start))
+        .fold(0.0, f64::max);
+    let (mut point, mut best) = (start, (f64::NEG_INFINITY, start));
+    for step in 0..STEPS {
+        let depths = planes.iter().map(|(a, n)| (n.dot(*a - point), *n));
+        let nearest = depths.min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((depth, normal)) = nearest else {
+            break;
+        };
+        if depth > best.0 {
+            best = (depth, point);
+        }
+        point -= normal * size * 0.2 / f64::from(step + 1).powf(0.7);
+    }
+    best.1
 }

@@ -29,10 +29,14 @@ const SECTIONS: [&str; 6] = [
     "METADATA",
 ];
 
-/// Whether a line starts with a keyword that can follow an attribute.
+/// Whether a line starts with a keyword that can follow an attribute. The line `LOOKUP_TABLE NAME`
+/// belongs to the attribute before it; with a number, it is an attribute.
 fn starts_with_keyword(line: &[u8]) -> bool {
-    let word = line.split(u8::is_ascii_whitespace).next();
-    let word = String::from_utf8_lossy(word.unwrap_or_default()).to_ascii_uppercase();
+    let mut words = line.split(u8::is_ascii_whitespace);
+    let word = String::from_utf8_lossy(words.next().unwrap_or_default()).to_ascii_uppercase();
+    if word == "LOOKUP_TABLE" {
+        return words.nth(1).is_some_and(|count| integer(count).is_some());
+    }
     ATTRIBUTES.contains(&word.as_str()) || SECTIONS.contains(&word.as_str())
 }
 
@@ -84,7 +88,11 @@ impl File<'_> {
     }
 
     fn at_keyword(&self) -> bool {
-        starts_with_keyword(self.from.at.rest().trim_ascii_start())
+        {
+            let rest = self.from.at.rest().trim_ascii_start();
+            let line = rest.split(|b| *b == b'\n').next();
+            starts_with_keyword(line.unwrap_or_default())
+        }
     }
 
     /// Notes that the array `name` cannot be read, and moves from `start`, within the line of its

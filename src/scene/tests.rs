@@ -145,3 +145,35 @@ fn tissues_set_region_materials() {
     let by_number = toml::from_str::<Region>("label = 1").unwrap();
     assert_eq!(pinned.nodes(&bar).unwrap(), by_number.nodes(&bar).unwrap());
 }
+
+#[test]
+fn missing_values_are_left_out_of_the_range_and_noted() {
+    let mut bar = generate::paper_bar().unwrap();
+    let mut heat: Vec<f64> = bar.nodes.iter().map(|p| 2.0 * p.x).collect();
+    let whole = heat.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    heat[3] = f64::NAN;
+    bar.set_field(Field::scalar("heat", Location::Node, heat.clone()))
+        .unwrap();
+    let mut cells = vec![5.0; bar.tets.len()];
+    cells[1] = f64::INFINITY;
+    bar.set_field(Field::scalar("stress", Location::Cell, cells))
+        .unwrap();
+    let none = vec![f64::NAN; heat.len()];
+    bar.set_field(Field::scalar("none", Location::Node, none))
+        .unwrap();
+    let seen = |field: &str| {
+        let mut scene = Scene::default();
+        scene.picture.field = Some(field.into());
+        scene.scalar_field(&bar, &Topology::new(&bar))
+    };
+    let found = seen("heat").unwrap();
+    assert!(found.values.iter().all(|v| v.is_finite()));
+    assert!(found.range.1 <= whole);
+    let note = found.note.unwrap();
+    assert!(note.contains("\"heat\": the value at node 3"), "{note}");
+    let stress = seen("stress").unwrap();
+    assert_eq!((stress.range, stress.values[0]), ((5.0, 5.0), 5.0));
+    assert!(stress.note.unwrap().contains("tet 1"));
+    let error = seen("none").unwrap_err().to_string();
+    assert!(error.contains("must have finite values"), "{error}");
+}

@@ -55,12 +55,28 @@ fn read_legacy(file: &[u8], number: Option<usize>) -> ParseResult<Volume> {
             image.origin,
         ),
     };
-    grid.volume(field.location, &field.values, field.scalar_type)
+    let mut volume = grid.volume(field.location, &field.values, field.scalar_type)?;
+    volume.notes = image.warnings;
+    if number.is_none() {
+        volume.notes.extend(chosen_note(&names, chosen));
+    }
+    Ok(volume)
+}
+
+/// Returns the note of the array that was read, if there are others.
+fn chosen_note(names: &[&str], chosen: usize) -> Option<String> {
+    (names.len() > 1).then(|| {
+        format!(
+            "the array {:?} of {} arrays is read; select another with --volume K: {}",
+            names[chosen],
+            names.len(),
+            numbered(names)
+        )
+    })
 }
 
 fn read_xml(file: &[u8], number: Option<usize>) -> ParseResult<Volume> {
     let outline = Outline::read(file, &[KIND])?;
-    let grid = Grid::of(&outline)?;
     let first = outline.pieces.first().ok_or("file has no <Piece>")?;
     let mut arrays = Vec::new();
     let mut active = None;
@@ -77,7 +93,20 @@ fn read_xml(file: &[u8], number: Option<usize>) -> ParseResult<Volume> {
         }
     }
     let names: Vec<&str> = arrays.iter().map(|(name, _)| *name).collect();
-    let (name, location) = arrays[chosen(&names, active, number)?];
+    let chosen = chosen(&names, active, number)?;
+    let (name, location) = arrays[chosen];
+    let mut notes = outline.warnings.clone();
+    if number.is_none() {
+        notes.extend(chosen_note(&names, chosen));
+    }
+    let mut volume = assembled(&outline, name, location)?;
+    volume.notes = notes;
+    Ok(volume)
+}
+
+/// Reads the array `name` of all pieces.
+fn assembled(outline: &Outline, name: &str, location: Location) -> ParseResult<Volume> {
+    let grid = Grid::of(outline)?;
     let pieces = outline.pieces.iter().map(|piece| {
         let array = piece.array(section_of(location), name);
         let array = array.ok_or_else(|| format!("array {name:?} is missing in a piece"))?;
@@ -115,26 +144,31 @@ fn read_xml(file: &[u8], number: Option<usize>) -> ParseResult<Volume> {
 
 /// Returns the index of the array to read, of those with these names.
 fn chosen(names: &[&str], active: Option<usize>, number: Option<usize>) -> ParseResult<usize> {
-    let list = || {
-        let named = names.iter().enumerate();
-        let named: Vec<String> = named.map(|(k, name)| format!("{k} {name:?}")).collect();
-        named.join(", ")
-    };
     if names.is_empty() {
         return Err("file has no numeric array with one component; expected an image with a value for each voxel".into());
     }
     match number {
         Some(k) if k < names.len() => Ok(k),
-        Some(k) => Err(format!("there is no array {k}; the file has {}", list())),
+        Some(k) => Err(format!(
+            "there is no array {k}; the file has {}",
+            numbered(names)
+        )),
         None if names.len() == 1 => Ok(0),
         None => active.ok_or_else(|| {
             format!(
                 "file has several arrays and states none as its scalars; select one with --volume \
                 K: {}",
-                list()
+                numbered(names)
             )
         }),
     }
+}
+
+/// Returns a list of the names with their numbers.
+fn numbered(names: &[&str]) -> String {
+    let named = names.iter().enumerate();
+    let named: Vec<String> = named.map(|(k, name)| format!("{k} {name:?}")).collect();
+    named.join(", ")
 }
 
 /// The points of an image, or of a piece of it.

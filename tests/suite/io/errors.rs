@@ -91,13 +91,6 @@ fn damage_errors_state_position() {
         (
             "a.vtk",
             LEGACY,
-            "POINT_DATA 4",
-            "POINT_DATA 5",
-            "there are 4 nodes",
-        ),
-        (
-            "a.vtk",
-            LEGACY,
             "s double",
             "s double 65535",
             "line 17: the number of values in s is 262140",

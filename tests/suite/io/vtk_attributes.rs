@@ -94,7 +94,7 @@ fn bad_legacy_attribute_costs_itself_alone() {
 fn bad_xml_attribute_costs_itself_alone() {
     let piece = "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid><Piece NumberOfPoints=\"4\" NumberOfCells=\"1\"><PointData>BAD<DataArray type=\"Float64\" Name=\"good\">1 2 3 4</DataArray></PointData><Points><DataArray type=\"Float64\" NumberOfComponents=\"3\">0 0 0 1 0 0 0 1 0 0 0 1</DataArray></Points><Cells><DataArray type=\"Int32\" Name=\"connectivity\">0 1 2 3</DataArray><DataArray type=\"Int32\" Name=\"offsets\">4</DataArray><DataArray type=\"UInt8\" Name=\"types\">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>";
     for (attributes, values, note) in [
-        ("type=\"Float64\"", "1 2 3", "value 3 of 4"),
+        ("type=\"Float64\"", "1 2 3", "bytes are left"),
         ("type=\"Float64\"", "1 2 3 4 5", "more than the expected 4"),
         ("type=\"Float64\"", "1 2 x 4", "expected value 2 of 4"),
         ("type=\"Float64\" format=\"binary\"", "AAAA", "truncated"),

@@ -251,13 +251,13 @@ fn rejects_damaged_series() {
         ),
         ("timestep=\"2\"", "timestep=\"soon\"", "expected a number"),
         ("file=\"b.vtu\"", "", "no attribute file"),
-        ("\"Collection\"", "\"PolyData\"", "PolyData"),
+        ("\"Collection\"", "\"Table\"", "Table"),
     ] {
         let error = read(&whole.replace(from, to)).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
     let error = io::read(&path).unwrap_err().to_string();
-    assert!(error.contains("PolyData"), "{error}");
+    assert!(error.contains("Table"), "{error}");
 }
 
 #[test]
