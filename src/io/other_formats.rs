@@ -60,13 +60,15 @@ const SLICER_STACK: &str =
 const NIBABEL: &str = "convert it to .nii.gz with nibabel or 3D Slicer";
 const FREESURFER: &str =
     "convert it with FreeSurfer (mris_convert {in} {out}.stl), or save it as STL in 3D Slicer";
-const DICOM: &str = "name the folder of all its slices (requires `cargo build --features dicom`), \
-    or load it in 3D Slicer and save it as .nrrd";
+const DICOM: &str = "add the header with `dcmconv +F {in} {out}.dcm` (DCMTK), or convert it with \
+    dcm2niix";
+const MINC: &str = "convert it with `mnc2nii {in} {out}.nii`, nibabel or 3D Slicer";
+const MEDCON: &str = "convert it with `medcon -c nifti -f {in}`, or with nibabel";
 
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// More specific rows precede others that recognise the same content.
-const OTHERS: [Other; 51] = [
+const OTHERS: [Other; 55] = [
     row(
         "MED (SALOME, Code_Aster)",
         &["med", "rmed", "mmed"],
@@ -87,13 +89,13 @@ const OTHERS: [Other; 51] = [
         If(is_exodus),
         MESHIO_OR_PARAVIEW,
     ),
-    row("MINC", &["mnc", "mnc2"], Hdf5(&["minc-2.0"]), NIBABEL),
+    row("MINC", &["mnc", "mnc2"], If(is_minc), MINC),
     row("HDF5", &["h5", "hdf5", "hdf"], Bytes(HDF5), XDMF_OF_HDF5),
     row(
         "NetCDF",
         &["nc", "cdf"],
         If(is_netcdf),
-        "save its mesh as .vtu in ParaView, or its volume as .nii.gz with nibabel",
+        "save its mesh as .vtu in ParaView, or its volume, such as MINC 1, as .nii.gz with nibabel",
     ),
     row(
         "XDMF",
@@ -207,14 +209,43 @@ const OTHERS: [Other; 51] = [
         FREESURFER,
     ),
     row(
-        "DICOM (single file)",
+        "DICOM without `DICM` at byte 128",
         &["dcm", "ima", "dicom"],
-        If(is_dicom),
+        Never,
         DICOM,
     ),
-    row("AFNI", &["brik"], Never, NIBABEL),
-    row("Philips PAR/REC", &["par", "rec"], Never, NIBABEL),
-    row("MRtrix", &["mif"], Text(&["mrtrix image"]), NIBABEL),
+    row(
+        "AFNI",
+        &["brik", "head"],
+        Never,
+        "convert it with `3dAFNItoNIFTI {in}` or nibabel",
+    ),
+    row(
+        "Philips PAR/REC",
+        &["par", "rec"],
+        Never,
+        "convert it with dcm2niix or `parrec2nii {in}` (nibabel)",
+    ),
+    row(
+        "MRtrix",
+        &["mif", "mih"],
+        Text(&["mrtrix image"]),
+        "convert it with `mrconvert {in} {out}.nii.gz`",
+    ),
+    row(
+        "Interfile",
+        &["hv", "h33", "i33"],
+        Text(&["!interfile"]),
+        MEDCON,
+    ),
+    row("ECAT", &[], Bytes(b"MATRIX7"), MEDCON),
+    row("3D Slicer scene", &["mrml", "mrb"], Xml("<mrml"), SLICER),
+    row(
+        "raw voxels without a header",
+        &["raw", "zraw"],
+        Never,
+        "name the header beside it (.mhd or .nhdr)",
+    ),
     row("GIPL", &["gipl"], Never, SLICER),
     row(
         "Amira",
@@ -266,6 +297,9 @@ const PACKED: [(&[u8], &str, &str); 6] = [
     (b"7z\xbc\xaf\x27\x1c", "7-Zip", "7z x"),
 ];
 
+/// Names of the formats that contain other formats.
+const CONTAINERS: [&str; 2] = ["HDF5", "NetCDF"];
+
 /// Number of bytes of a container that are searched for words.
 const SEARCHED: usize = 1 << 16;
 
@@ -303,7 +337,13 @@ pub(super) fn by_content(bytes: &[u8], extension: &str) -> Option<String> {
         });
     }
     let start = start_of(bytes);
-    let other = OTHERS.iter().find(|o| o.recognises(bytes, &start))?;
+    let found = OTHERS.iter().find(|o| o.recognises(bytes, &start))?;
+    // Containers of many formats say less than the extension.
+    let named = OTHERS.iter().find(|o| o.extensions.contains(&extension));
+    let other = match CONTAINERS.contains(&found.name) {
+        true => named.unwrap_or(found),
+        false => found,
+    };
     Some(format!(
         "file has the format {}, which is not supported; {}",
         other.name,
@@ -328,6 +368,13 @@ fn holds(bytes: &[u8], word: &str) -> bool {
 
 fn is_netcdf(bytes: &[u8], _: &str) -> bool {
     matches!(bytes, [b'C', b'D', b'F', 1 | 2 | 5, ..])
+}
+
+fn is_minc(bytes: &[u8], start: &str) -> bool {
+    (is_netcdf(bytes, start) || bytes.starts_with(HDF5))
+        && ["minc-2.0", "MINC standard variable"]
+            .iter()
+            .any(|w| holds(bytes, w))
 }
 
 fn is_exodus(bytes: &[u8], start: &str) -> bool {
@@ -391,10 +438,6 @@ fn is_iges(bytes: &[u8], _: &str) -> bool {
         && bytes
             .get(73..80)
             .is_some_and(|n| matches!(n.trim_ascii(), b"1" | b"0000001"))
-}
-
-fn is_dicom(bytes: &[u8], _: &str) -> bool {
-    bytes.get(128..132) == Some(b"DICM")
 }
 
 fn is_image(bytes: &[u8], _: &str) -> bool {

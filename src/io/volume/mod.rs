@@ -12,7 +12,6 @@ mod nrrd_space;
 mod pattern;
 mod segmentation;
 mod stream;
-mod unsupported;
 mod voxels;
 mod vtk_image;
 mod write;
@@ -34,9 +33,10 @@ use voxels::Packing;
 /// the header's own name without its extension.
 type Fetch<'a> = &'a dyn Fn(&str) -> ParseResult<Vec<u8>>;
 
-/// Reads a volume in any supported format: NIfTI, Analyze, NRRD, MetaImage, VTK images, FreeSurfer's MGH, and
-/// with the cargo feature `dicom` DICOM; any of them compressed with gzip or bzip2. The format is
-/// detected from the content, then from the extension. For `.img` with `.hdr`, either can be named.
+/// Reads a volume in any supported format: NIfTI, Analyze, NRRD, MetaImage, VTK images, FreeSurfer's
+/// MGH, and with the cargo feature `dicom` DICOM; any of them compressed with gzip or bzip2. The
+/// format is detected from the content, then from the extension. For `.img` with `.hdr`, either can
+/// be named.
 ///
 /// A folder is a series of DICOM slices: the series with the most images is read; it must be
 /// complete and evenly spaced.
@@ -154,8 +154,6 @@ fn format_of(bytes: &[u8], extension: &str) -> VolumeSource {
         return Known(|file, _, number| vtk_image::read(file, number), false);
     } else if mgh::is_mgh(bytes, extension) {
         return Known(mgh::read, true);
-    } else if let Some(what) = unsupported::format_of(bytes, extension) {
-        return Unsupported(what);
     }
     // Unknown content: the reader selected by the extension reports what it expected.
     match extension {
@@ -164,6 +162,12 @@ fn format_of(bytes: &[u8], extension: &str) -> VolumeSource {
         "mha" | "mhd" => Known(metaimage::read, false),
         "vti" => Known(|file, _, number| vtk_image::read(file, number), false),
         "mgh" | "mgz" => Known(mgh::read, true),
+        // With its header, that is read instead.
+        "img" => Unsupported(
+            "the file has voxels without a header; its header, the .hdr of the same name, must be \
+            beside it"
+                .into(),
+        ),
         _ => Unknown,
     }
 }

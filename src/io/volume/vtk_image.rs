@@ -11,7 +11,6 @@ use crate::io::{is_vtk_xml, scalar};
 use crate::mesh::{Field, Location, ScalarType};
 use crate::volume::Volume;
 use glam::{DAffine3, DMat3, DVec3};
-use std::collections::BTreeMap;
 
 /// The type of the XML files.
 const KIND: &str = "ImageData";
@@ -242,10 +241,8 @@ impl Grid {
         Ok(Volume {
             size,
             raw: decode(&scalar::encode(values, scalar_type), scalar_type, false),
-            slope: 1.0,
-            intercept: 0.0,
             to_world: self.to_world * DAffine3::from_translation(first),
-            label_names: BTreeMap::new(),
+            ..Volume::default()
         })
     }
 }
