@@ -57,7 +57,6 @@ const BLENDER: &str = "open it in Blender or MeshLab and export it as STL, PLY o
 const SLICER: &str = "open it in 3D Slicer and save it as .nrrd or .nii.gz";
 const SLICER_STACK: &str =
     "load the stack of images in 3D Slicer, set its spacing, and save it as .nrrd";
-const NIBABEL: &str = "convert it to .nii.gz with nibabel or 3D Slicer";
 const FREESURFER: &str =
     "convert it with FreeSurfer (mris_convert {in} {out}.stl), or save it as STL in 3D Slicer";
 const DICOM: &str = "add the header with `dcmconv +F {in} {out}.dcm` (DCMTK), or convert it with \
