@@ -201,9 +201,9 @@ pub struct SceneFlags {
     /// Set Poisson's ratio of neo-hookean and corotated [default: 0.4]; springs have 1/4
     #[arg(long, help_heading = "Physics")]
     pub poisson: Option<f64>,
-    /// Select the volumetric formulation of neo-hookean and corotated: per-tet, or averaged, which
-    /// avoids volumetric locking as Poisson's ratio approaches 1/2 [default: per-tet]; or a number
-    /// from 0: one of several volumes in the file of --scan, or else in the input
+    /// Select the volumetric formulation of neo-hookean and corotated: per-tet (the default) or
+    /// averaged, which avoids locking as Poisson's ratio approaches 1/2; or, by its number from 0, one
+    /// of several volumes in the file of --scan, or else in the input
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
     pub volume: Vec<VolumeFlag>,
     /// Set the density, in kg/m³
@@ -251,10 +251,7 @@ pub struct SceneFlags {
 impl SceneFlags {
     /// Builds the scene of `input` (a scene file or a mesh file) and these flags.
     pub fn scene(&self, input: &Path) -> palpate::Result<Scene> {
-        let mut scene = match input
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
-        {
+        let mut scene = match super::warp::is_scene(input) {
             true => Scene::read(input)?,
             false => Scene::of_mesh(input),
         };

@@ -131,7 +131,8 @@ pub fn run(adapter: Option<&str>, arguments: &WarpArguments) -> anyhow::Result<O
     Ok(Outcome::Done)
 }
 
-fn is_scene(path: &Path) -> bool {
+/// Whether `path` is a scene file.
+pub(super) fn is_scene(path: &Path) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }

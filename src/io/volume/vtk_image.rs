@@ -275,8 +275,6 @@ impl Grid {
         Ok(Volume {
             size,
             raw: decode(&scalar::encode(values, scalar_type), scalar_type, false),
-            slope: 1.0,
-            intercept: 0.0,
             to_world: self.to_world * DAffine3::from_translation(first),
             ..Volume::default()
         })

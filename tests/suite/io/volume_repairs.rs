@@ -244,7 +244,7 @@ fn unsupported_formats_are_named_with_a_converter() {
             ["MRtrix", "mrconvert"],
         ),
         ("a.par", b"# Philips", ["PAR/REC", "dcm2niix"]),
-        ("a.tif", b"II*\0", ["TIFF", "Fiji"]),
+        ("a.tif", b"II*\0", ["TIFF", "Slicer"]),
         ("a.raw", b"\0\0\0\x01", ["header", ".mhd"]),
         ("a.nii.xz", b"\xfd7zXZ\0\0", ["xz", "unxz"]),
         ("a.dcm", b"none at all", ["DICM", "dcmconv"]),
@@ -252,7 +252,8 @@ fn unsupported_formats_are_named_with_a_converter() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).unwrap();
-        assert_eq!(io::detect_kind(&path).unwrap(), Kind::Volume, "{name}");
+        let error = io::read(&path).unwrap_err().to_string();
+        assert!(parts.iter().all(|p| error.contains(p)), "{name}: {error}");
         let error = io::read_volume(&path).unwrap_err().to_string();
         assert!(parts.iter().all(|p| error.contains(p)), "{name}: {error}");
     }

@@ -170,7 +170,7 @@ impl Image {
         frame: usize,
     ) -> ParseResult<Option<[f64; N]>> {
         let numbers: Option<Vec<f64>> = match self.in_group(tag, frame) {
-            Some(text) if text.is_empty() => return Ok(None),
+            Some("") => return Ok(None),
             Some(text) => text.split('\\').map(|w| w.trim().parse().ok()).collect(),
             None => match self.object.get(tag) {
                 Some(element) if !element.is_empty() => element.to_multi_float64().ok(),
