@@ -490,17 +490,3 @@ fn unit(text: &str) -> Result<Unit, String> {
     };
     unit.metres().map(|_| unit).map_err(|e| e.to_string())
 }
-
-/// Flags of the performance report of a picture.
-#[derive(Args, Clone, Debug, Default)]
-pub struct MeasureFlags {
-    /// Render N frames after a warm-up and report the median time
-    #[arg(long, help_heading = "Measuring")]
-    pub repeat: Option<u32>,
-    /// Write the measurements as JSON
-    #[arg(long, help_heading = "Measuring")]
-    pub report: Option<PathBuf>,
-    /// Print the measurements on standard output as JSON
-    #[arg(long, help_heading = "Measuring", conflicts_with = "pick")]
-    pub json: bool,
-}

@@ -262,7 +262,7 @@ fn loss_notes(regions: &[RegionSummary], mesher: &MeshReport) -> Vec<String> {
     };
     let by_smoothing = listed(true).map(|regions| {
         format!(
-            "{regions}: parts one voxel thick are smoothed away at any edge length; preserve \
+            "{regions}: parts one voxel thick are rounded off or lost at any edge length; preserve \
             them by resampling the label map to voxels of half the size"
         )
     });

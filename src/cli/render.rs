@@ -1,7 +1,7 @@
 //! `palpate render`: deforms a body and renders one image.
 
 use super::film::AnimationFlags;
-use super::flags::{MeasureFlags, SceneFlags};
+use super::flags::SceneFlags;
 use super::mesh::write_report;
 use super::{Outcome, print_json, progress};
 use clap::Args;
@@ -13,6 +13,20 @@ use palpate::mesh::Location;
 use palpate::scene::{PlannedRun, STEPS, Stage};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+
+/// Flags of the performance report of a picture.
+#[derive(Args, Clone, Debug, Default)]
+pub struct MeasureFlags {
+    /// Render N frames after a warm-up and report the median time
+    #[arg(long, help_heading = "Measuring")]
+    pub repeat: Option<u32>,
+    /// Write the measurements as JSON
+    #[arg(long, help_heading = "Measuring")]
+    pub report: Option<PathBuf>,
+    /// Print the measurements on standard output as JSON
+    #[arg(long, help_heading = "Measuring", conflicts_with = "pick")]
+    pub json: bool,
+}
 
 /// Arguments of `render`.
 #[derive(Args)]

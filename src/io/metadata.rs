@@ -96,11 +96,16 @@ impl Metadata {
         remarks
     }
 
-    /// Sets the unit of `mesh`, and, if there are regions, their names and the field `label`, from
-    /// the group of each cell.
-    pub fn add_to(&self, mesh: &mut RawMesh, group_of_cell: &[f64]) {
+    /// Sets the unit and the frame of reference of `mesh`.
+    pub fn add_facts_to(&self, mesh: &mut RawMesh) {
         mesh.length_unit = self.unit.or(mesh.length_unit);
         mesh.frame = self.frame.or(mesh.frame);
+    }
+
+    /// Sets the unit and the frame of `mesh`, and, if there are regions, their names and the field `label`, from
+    /// the group of each cell.
+    pub fn add_to(&self, mesh: &mut RawMesh, group_of_cell: &[f64]) {
+        self.add_facts_to(mesh);
         if self.regions.is_empty() {
             return;
         }

@@ -12,6 +12,14 @@ const MAX_TRIALS: usize = 12;
 /// Maximum number of trials without tets inside; each halves the edge.
 const MAX_EMPTY_TRIALS: usize = 6;
 
+/// Maximum ratio of all tets, including those outside along the boundary, to the target while those
+/// inside are fewer than the target. Then the edge is more than three times the thickness of the
+/// body.
+const MAX_OUTSIDE_RATIO: usize = 20;
+
+/// Minimum fraction of the target of a result that the search was stopped at.
+const MIN_FRACTION: f64 = 0.5;
+
 /// The fractions of the target number of tets used for the first and the second trial.
 const FIRST_TRIALS: [f64; 2] = [0.06, 0.22];
 
@@ -45,6 +53,7 @@ pub(crate) fn find_spacing<T>(
     let mut before: Option<(f64, f64)> = None;
     let mut best: Option<(f64, T)> = None;
     let mut empty_trials = 0;
+    let mut is_too_thin = false;
     for _ in 0..MAX_TRIALS {
         let trial = match lay(edge) {
             // An edge that nobody entered is no error of theirs.
@@ -55,17 +64,18 @@ pub(crate) fn find_spacing<T>(
         let made = inside as f64;
         if inside == 0 {
             empty_trials += 1;
-            // The boundary alone has more tets: the body is thinner than any edge of this number.
-            if all > wanted || empty_trials >= MAX_EMPTY_TRIALS {
-                before = Some((edge, made));
-                break;
-            }
         }
+        // The boundary alone has more tets: the body is thinner than the edges of this number.
+        is_too_thin = match inside {
+            0 => all > wanted || empty_trials >= MAX_EMPTY_TRIALS,
+            _ => inside < wanted && all / MAX_OUTSIDE_RATIO > wanted,
+        };
         let off = (made / target).ln().abs();
         if best.as_ref().is_none_or(|b| off < b.0) {
             best = Some((off, trial));
         }
-        if off < COUNT_TOLERANCE {
+        if is_too_thin || off < COUNT_TOLERANCE {
+            before = Some((edge, made));
             break;
         }
         let (goal, power) = match before {
@@ -86,14 +96,18 @@ pub(crate) fn find_spacing<T>(
             false => 0.5,
         };
     }
+    let least = match is_too_thin {
+        true => MIN_FRACTION * target,
+        false => 1.0,
+    };
     match best {
-        Some((_, trial)) if count(&trial)[0] > 0 => Ok(trial),
+        Some((_, trial)) if count(&trial)[0] as f64 >= least => Ok(trial),
         _ => {
             let tried = before.map_or(edge, |b| b.0);
             Err(Error::Input(format!(
-                "body is too thin for about {wanted} tets: nothing of it is left at an edge length \
-                of {tried:.3e}; increase the number of tets, set a smaller edge length, or check \
-                that the input encloses a volume"
+                "body is too thin for about {wanted} tets: little or nothing of it is left at an edge \
+                length of {tried:.3e}; increase the number of tets, set a smaller edge length, or \
+                check that the input encloses a volume"
             )))
         }
     }

@@ -28,6 +28,25 @@ pub(super) struct Regions {
 }
 
 impl Regions {
+    /// Adds the voxels of a label map to an error of the mesher, if these are so few that nothing of
+    /// them may be left.
+    pub(super) fn with_voxels(&self, error: Error) -> Error {
+        /// Maximum numbers of regions that are named, and of their voxels.
+        const MOST: usize = 10;
+        const MOST_VOXELS: usize = 1000;
+        let few = (1..=MOST).contains(&self.voxels.len());
+        let total: usize = self.voxels.iter().sum();
+        match error {
+            Error::Input(what) if few && total <= MOST_VOXELS => {
+                let labels = self.labels.iter().zip(&self.voxels);
+                let named = labels.map(|(label, voxels)| with_count(*label, *voxels));
+                let named: Vec<String> = named.collect();
+                Error::Input(format!("{what}; labels: {}", named.join(", ")))
+            }
+            other => other,
+        }
+    }
+
     /// Returns the note about a region without tets.
     pub(super) fn lost(&self, region: usize, report: &MeshReport) -> String {
         let name = self.names[region].as_ref();
@@ -48,6 +67,14 @@ impl Regions {
     }
 }
 
+/// Returns a label with the number of its voxels.
+fn with_count(label: i64, voxels: usize) -> String {
+    match voxels {
+        1 => format!("{label} (1 voxel)"),
+        _ => format!("{label} ({voxels} voxels)"),
+    }
+}
+
 /// Returns notes about the regions that smoothing would remove.
 fn thin_notes(domain: &LabelDomain) -> Vec<String> {
     /// Maximum number of regions in the note.
@@ -59,10 +86,7 @@ fn thin_notes(domain: &LabelDomain) -> Vec<String> {
     let named: Vec<String> = thin
         .iter()
         .take(MOST)
-        .map(|(label, voxels)| match voxels {
-            1 => format!("{label} (1 voxel)"),
-            _ => format!("{label} ({voxels} voxels)"),
-        })
+        .map(|(label, voxels)| with_count(*label, *voxels))
         .collect();
     let more = match thin.len() > MOST {
         true => format!(" and {} more", thin.len() - MOST),

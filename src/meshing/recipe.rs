@@ -320,7 +320,8 @@ impl MeshingConfig {
             min_island: self.min_island.unwrap_or(defaults.min_island),
             ..defaults
         };
-        let filling = mesh_domain(domain, &options, progress)?;
+        let filling =
+            mesh_domain(domain, &options, progress).map_err(|e| regions.with_voxels(e))?;
         regions.name(filling, unit)
     }
 }

@@ -31,13 +31,12 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     };
     let there = bytes.len() - HEADER;
     let mut mesh = RawMesh::default();
-    // Programs that write triangles as they find them leave the count at 0 or at its largest.
-    let is_open_ended = [0, u32::MAX as usize].contains(&count) && there >= RECORD;
-    let stated = count;
-    let count = if is_open_ended { there / RECORD } else { count };
-    if is_open_ended {
+    // Programs that write triangles as they find them leave the count at 0.
+    let is_uncounted = count == 0 && there >= RECORD;
+    let count = if is_uncounted { there / RECORD } else { count };
+    if is_uncounted {
         mesh.warnings.push(format!(
-            "header specifies {stated} triangles; all {count} in the file read"
+            "header specifies 0 triangles; all {count} in the file read"
         ));
     }
     if fits(count).is_none_or(|n| n > bytes.len()) {
@@ -145,15 +144,19 @@ fn read_text(bytes: &[u8]) -> ParseResult<RawMesh> {
             b"endloop" => end_facet(&at, &mut mesh, &mut corners)?,
             b"endfacet" => {}
             // Some programs write the ends as two words.
-            b"end" => match at.token().unwrap_or_default() {
-                word if word.eq_ignore_ascii_case(b"loop") => {
-                    end_facet(&at, &mut mesh, &mut corners)?;
-                }
-                word if word.eq_ignore_ascii_case(b"facet") => {}
-                _ => {
+            b"end" => match at
+                .token()
+                .unwrap_or_default()
+                .to_ascii_lowercase()
+                .as_slice()
+            {
+                b"loop" => end_facet(&at, &mut mesh, &mut corners)?,
+                b"solid" => {
                     ended = true;
                     at.rest_of_line();
                 }
+                // A truncated file is reported below.
+                _ => {}
             },
             word @ (b"endsolid" | b"solid") => {
                 ended = word == b"endsolid";

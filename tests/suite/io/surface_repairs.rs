@@ -94,11 +94,9 @@ fn stl_text_of_other_programs_reads() {
 
 #[test]
 fn stl_without_count_has_all_triangles() {
-    for count in [0, u32::MAX] {
-        let surface = parsed("c.stl", stl(&cube(), count));
-        is_cube(&surface);
-        noted(&surface, "all 12 in the file");
-    }
+    let surface = parsed("c.stl", stl(&cube(), 0));
+    is_cube(&surface);
+    noted(&surface, "all 12 in the file");
     // A wrong count is still an error: triangles may be missing.
     assert!(io::parse_surface("c.stl", &stl(&cube(), 13)).is_err());
 }
