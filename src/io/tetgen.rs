@@ -267,16 +267,9 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
     let remarks = Metadata::read(bytes, "# ");
     let whole = extra.defects.is_empty();
     let mut extra = extra.finish(Location::Cell, &mut mesh.warnings);
-<<<<<<< HEAD
-    if let Some(groups) = extra.first().filter(|groups| !groups.is_empty()) {
-        remarks.add_to(mesh, groups);
-    } else if remarks.regions.is_empty() {
-        remarks.add_to(mesh, &[]);
-=======
     match extra.first().filter(|groups| !groups.is_empty()) {
         Some(groups) => remarks.add_to(mesh, groups),
         None => remarks.add_facts_to(mesh),
->>>>>>> 2685b67ab7bd89f11e0f66403ff73678eb29a63a
     }
     let regions = usize::from(!remarks.regions.is_empty()).min(extra.len());
     if whole && let Some(fields) = remarks.fields(Location::Cell, &extra[regions..]) {
