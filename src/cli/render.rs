@@ -90,6 +90,7 @@ impl RenderArguments {
 }
 
 /// Deforms the body if a solver is given, and renders it.
+/// Long because it follows the course of the command, one output after another.
 pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     if let Some(pipe) = &arguments.frames_from {
         return super::frames::run(gpu, arguments, pipe);

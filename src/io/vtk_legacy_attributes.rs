@@ -5,6 +5,9 @@ use super::vtk_legacy::{File, Owner};
 use super::vtk_legacy_names::decoded;
 use crate::mesh::{Field, ScalarType};
 
+/// Values and the type that they are stored in.
+type TypedValues = (Vec<f64>, ScalarType);
+
 /// Keywords of attributes with a name, besides FIELD.
 const ATTRIBUTES: [&str; 11] = [
     "SCALARS",
@@ -189,11 +192,7 @@ impl File<'_> {
     }
 
     /// Reads the components and values of SCALARS.
-    fn scalars(
-        &mut self,
-        tuples: usize,
-        name: &str,
-    ) -> ParseResult<(usize, Option<(Vec<f64>, ScalarType)>)> {
+    fn scalars(&mut self, tuples: usize, name: &str) -> ParseResult<(usize, Option<TypedValues>)> {
         let kind = self
             .from
             .at

@@ -210,6 +210,7 @@ fn coincident_nodes(mesh: &TetMesh) -> usize {
 }
 
 impl fmt::Display for MeshDescription {
+    /// Long because it prints one line per property.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [low, high] = self.bounds;
         let yes = |flag: bool, what: &'static str, no: &'static str| if flag { what } else { no };

@@ -31,6 +31,7 @@ pub(super) struct SceneScans {
 
 impl Scene {
     /// Returns the scans embedded in the body of the scene; `None` without scans.
+    /// Long because it sets every property of a scan once.
     pub(super) fn scans(&self, mesh: &TetMesh) -> Result<Option<SceneScans>> {
         if self.scan.is_empty() {
             return Ok(None);

@@ -15,6 +15,7 @@ pub(super) struct Axes {
 }
 
 impl Axes {
+    /// Long because it reads every key of the space.
     pub fn new(header: &Header) -> ParseResult<Axes> {
         let (line, sizes) = header.require("sizes")?;
         let sizes: Vec<usize> = sizes

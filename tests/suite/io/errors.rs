@@ -232,7 +232,7 @@ fn damage_errors_state_position() {
             VTU,
             "\"UnstructuredGrid\"",
             "\"PolyData\"",
-            "contains \"PolyData\"",
+            "no <Piece>",
         ),
         (
             "a.vtu",

@@ -98,7 +98,7 @@ fn vtu_pieces_are_joined() {
     assert_eq!(mesh.field("c", Location::Cell).unwrap().values, [7.0, 7.0]);
     assert!(mesh.field("half", Location::Node).is_none());
     let warnings = mesh.repairs.warnings.join("");
-    assert!(warnings.contains("\"half\" skipped"), "{warnings}");
+    assert!(warnings.contains("\"half\" (nodes) skipped"), "{warnings}");
 }
 
 #[test]

@@ -130,6 +130,7 @@ struct ElementScan<'a> {
 impl ElementScan<'_> {
     /// Checks the element at `start`, or the start of it if it contains others. Returns where the
     /// next one starts.
+    /// Long because an element has many encodings.
     fn element(&mut self, start: usize, syntax: Syntax) -> ParseResult<usize> {
         while self.frames.last().is_some_and(|f| f.end == Some(start)) {
             self.frames.pop();
