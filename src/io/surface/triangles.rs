@@ -8,7 +8,7 @@ use crate::mesh::{AnatomicalFrame, Field, Location, NORMAL, TriMesh, UV};
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Converts the surface cells of `raw` to triangles.
+/// Converts the surface cells of `raw` to triangles. Long because each kind of cell has its case.
 pub(super) fn into_surface(raw: RawMesh) -> ParseResult<TriMesh> {
     let mut surface = TriMesh {
         notes: raw.warnings.clone(),

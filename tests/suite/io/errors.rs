@@ -238,8 +238,8 @@ fn damage_errors_state_position() {
             "a.vtu",
             VTU,
             "type=\"UnstructuredGrid\"",
-            "type=\"UnstructuredGrid\" compressor=\"vtkLZ4DataCompressor\"",
-            "vtkLZ4DataCompressor",
+            "type=\"UnstructuredGrid\" compressor=\"vtkBrotliDataCompressor\"",
+            "vtkBrotliDataCompressor",
         ),
         (
             "a.vtu",
