@@ -14,7 +14,7 @@ const SLOW_SPEED_RATIO: f64 = 1e-2;
 /// … for this number of steps, which doubles up to a limit with each check that finds it out of
 /// equilibrium.
 const STEPS: u32 = 20;
-const MAX_STEPS: u32 = 640;
+const MAX_STEPS: u32 = 160;
 
 /// Largest kinetic energy of a body at rest, over its elastic energy …
 const MAX_KINETIC_RATIO: f64 = 1e-6;

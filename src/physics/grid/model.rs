@@ -207,6 +207,7 @@ impl GridModel {
         for i in self.shape.particles() {
             let error = 2.0 * all * self.stiffness_scales[i] * resolution;
             sums.add(reference.spring_force(i), external[i], !fixed[i], error);
+            sums.add_negligible(all, self.frame.scale * self.length_unit);
         }
         sums.balance()
     }

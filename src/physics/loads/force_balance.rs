@@ -13,6 +13,10 @@ const CONTACT_EQUILIBRIUM_TOLERANCE: f64 = 1e-2;
 /// Largest part of the net force, relative to the loads, that may be attributed to rounding.
 const MAX_ROUNDING_RATIO: f64 = 1e-2;
 
+/// Movement of a node that is negligible whatever the loads, over the extent of the body: what is
+/// left of a motion that has died away does not keep a body awake.
+const NEGLIGIBLE_MOVEMENT: f64 = 1e-16;
+
 /// Static forces of a body, without inertia and damping: root sums of squares over its nodes, N.
 /// A rigid region counts as one node, with its net moment over its radius.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,6 +27,8 @@ pub struct ForceBalance {
     pub scale: f64,
     /// Rounding error of the net forces at the precision of the engine's displacements.
     pub rounding: f64,
+    /// Net forces that are negligible whatever the loads.
+    pub negligible: f64,
     /// Whether tools or self-contact act.
     pub contact: bool,
 }
@@ -36,7 +42,7 @@ impl ForceBalance {
             true => CONTACT_EQUILIBRIUM_TOLERANCE,
             false => EQUILIBRIUM_TOLERANCE,
         };
-        self.residual <= tolerance * self.scale.max(reference) + rounding
+        self.residual <= tolerance * self.scale.max(reference) + rounding + self.negligible
     }
 }
 
@@ -47,6 +53,7 @@ pub(in crate::physics) struct ForceSums {
     loads: f64,
     reactions: f64,
     rounding: f64,
+    negligible: f64,
     /// Whether tools or self-contact act.
     pub contact: bool,
 }
@@ -64,6 +71,12 @@ impl ForceSums {
         }
     }
 
+    /// Adds the force that would move a node of this `stiffness` (N/m) negligibly in a body of this
+    /// `extent` (m).
+    pub fn add_negligible(&mut self, stiffness: f64, extent: f64) {
+        self.negligible += (NEGLIGIBLE_MOVEMENT * stiffness * extent).powi(2);
+    }
+
     /// Adds the net force and moment (over a radius) of a rigid region, N.
     pub fn add_rigid(&mut self, force: DVec3, moment: DVec3, load: DVec3, rounding: f64) {
         self.residual += force.length_squared() + moment.length_squared();
@@ -76,6 +89,7 @@ impl ForceSums {
         self.residual += other.residual * other.residual;
         self.loads += other.scale * other.scale;
         self.rounding += other.rounding * other.rounding;
+        self.negligible += other.negligible * other.negligible;
         self.contact |= other.contact;
     }
 
@@ -85,6 +99,7 @@ impl ForceSums {
             residual: self.residual.sqrt(),
             scale: self.loads.max(self.reactions).sqrt(),
             rounding: self.rounding.sqrt(),
+            negligible: self.negligible.sqrt(),
             contact: self.contact,
         }
     }
@@ -105,6 +120,7 @@ pub(in crate::physics) fn balance_of_model(
     let external = loads.static_forces(&network.masses, positions);
     let stiffness = network.nodal_stiffness();
     let constrained = loads.fixed_nodes();
+    let extent = network.frame.scale * network.length_unit;
     let rigid = &network.elements.rigid;
     let mut is_rigid = vec![false; x.len()];
     let mut sums = ForceSums::default();
@@ -131,6 +147,7 @@ pub(in crate::physics) fn balance_of_model(
     for v in (0..x.len()).filter(|v| !is_rigid[*v]) {
         let free = !constrained[v] && network.masses[v] > 0.0;
         sums.add(internal[v], external[v], free, resolution * stiffness[v]);
+        sums.add_negligible(stiffness[v], extent);
     }
     Some(sums.balance())
 }

@@ -57,6 +57,9 @@ impl<T: Real> CpuBody<T> {
         for k in 0..soft {
             let (own, load) = (to_metres(internal[k], force), to_metres(loads[k], force));
             sums.add(own, load, self.free_mask[k] > T::ZERO, rounding(k));
+            let v = self.node_order[k] as usize;
+            let stiffness = stiffness.get(v).copied().unwrap_or(0.0);
+            sums.add_negligible(stiffness, self.units.length);
         }
         let Some(rigid) = rigid else {
             return sums.balance();
