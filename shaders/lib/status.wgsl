@@ -4,6 +4,7 @@ const NON_FINITE: u32 = 1u;
 const RUNAWAY_ENERGY: u32 = 2u;
 const NOT_CONVERGED: u32 = 3u;
 const PIERCED: u32 = 4u;
+const INVERTED_TETS: u32 = 5u;
 
 struct Status {
     // 0, or one of the reasons above: all later passes do nothing.
@@ -23,9 +24,13 @@ struct Status {
     // Energies of the last checked state.
     kinetic: f32,
     elastic: f32,
+    // 1 if the last checked state has inverted tets.
+    inverted: u32,
     _pad0: u32,
-    _pad1: u32,
 }
+
+// Weight of a node with non-finite values in the sum that otherwise counts inverted tets.
+const NON_FINITE_WEIGHT: f32 = 1e30;
 
 // Whether x is neither NaN nor infinite. Tests the bits, because comparisons with NaN are
 // unreliable.

@@ -1,5 +1,6 @@
-// Checks a candidate state: all values must be finite, and the energy must not exceed the initial
-// energy plus the external work by too much. One workgroup.
+// Checks a candidate state: all values must be finite, the energy must not exceed the initial
+// energy plus the external work by too much, and no tet may be inverted unless one was before. One
+// workgroup.
 
 #import lib/workgroup_sum
 #import lib/status
@@ -17,6 +18,9 @@ struct CheckParams {
     floor: f32,
     // Maximum ratio of the energy to the initial energy plus the external work.
     factor: f32,
+    // 1 if a step may invert tets.
+    allow_inversion: u32,
+    _pad0: u32,
 }
 
 @group(0) @binding(0) var<storage, read> partials: array<vec4<f32>>;
@@ -41,10 +45,11 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     }
     let energy = total.x + total.y;
     let work = abs(total.z * params.dt);
-    if !finite(energy) || !finite(work) || !finite(total.w) || total.w > 0.0 {
+    if !finite(energy) || !finite(work) || !finite(total.w) || total.w >= NON_FINITE_WEIGHT {
         status.failed = NON_FINITE;
         return;
     }
+    let inverted = u32(total.w > 0.0);
     if params.kind == 2u {
         status.baseline = energy;
         status.work = 0.0;
@@ -55,12 +60,17 @@ fn main(@builtin(local_invocation_index) lane: u32) {
             status.failed = RUNAWAY_ENERGY;
             return;
         }
+        if inverted > status.inverted && params.allow_inversion == 0u {
+            status.failed = INVERTED_TETS;
+            return;
+        }
         status.work += work;
         history[status.steps % params.history] =
             vec4(f32(status.iterations), status.residual, total.x, total.y);
         status.steps += 1u;
         status.accepted = 1u;
     }
+    status.inverted = inverted;
     status.kinetic = total.x;
     status.elastic = total.y;
 }

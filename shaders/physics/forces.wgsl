@@ -23,10 +23,13 @@ struct ForceParams {
 @group(0) @binding(3) var external_forces: texture_2d<f32>;
 @group(0) @binding(4) var<storage, read> status: Status;
 @group(0) @binding(5) var forces: texture_storage_2d<rgba32float, write>;
-// Per workgroup: kinetic energy, elastic energy, power of the external forces, number of non-finite
-// nodes.
+// Per workgroup: kinetic energy, elastic energy, power of the external forces, number of inverted
+// tets plus NON_FINITE_WEIGHT for each non-finite node.
 @group(0) @binding(6) var<storage, read_write> partials: array<vec4<f32>>;
 @group(0) @binding(7) var<uniform> params: ForceParams;
+
+// Number of inverted tets that this invocation has gathered.
+var<private> inverted_tets: f32 = 0.0;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(
@@ -56,11 +59,12 @@ fn main(
 #each contact         let pressed = TERM_force(i).xyz;
 #each contact         f += pressed;
         textureStore(forces, array_texel(i), vec4(f, 0.0));
-        let bad = select(1.0, 0.0, finite3(x) && finite3(v) && finite3(f));
+        let bad = select(NON_FINITE_WEIGHT, 0.0, finite3(x) && finite3(v) && finite3(f));
         sum += vec4(0.5 * m * dot(v, v), energy, dot(pull, v), bad);
         // Tools do external work.
 #each contact         sum.z += dot(pressed, v);
     }
+    sum.w += inverted_tets;
     let total = reduce(sum, lane);
     if lane == 0u {
         partials[group.x] = total;

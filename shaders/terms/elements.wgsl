@@ -17,7 +17,8 @@ struct ElementParams {
     _pad0: u32,
 }
 
-// Force and energy contribution of each corner of each tet. The last entry is zero.
+// Force of each corner of each tet; the last component as in `physics/tet_forces`. The last entry
+// is zero.
 @group(0) @binding(next) var tet_forces: texture_2d<f32>;
 @group(0) @binding(next) var<uniform> element_params: ElementParams;
 
@@ -28,7 +29,10 @@ fn elements_force(t: u32, m: f32, x: vec3<f32>, v: vec3<f32>) -> vec4<f32> {
     for (var q = 0u; q < row.z; q++) {
         let corners = textureLoad(columns, column_texel(row.y, t, q), 0);
         for (var k = 0u; k < 4u; k++) {
-            sum += textureLoad(tet_forces, array_texel(corners[k]), 0);
+            let corner = textureLoad(tet_forces, array_texel(corners[k]), 0);
+            let place = corners[k] & 3u;
+            sum += vec4(corner.xyz, select(0.0, corner.w, place == 0u));
+            inverted_tets += select(0.0, corner.w, place == 1u);
         }
     }
     return sum;

@@ -244,6 +244,7 @@ pub struct SceneFlags {
     #[arg(long, help_heading = "Physics", value_parser = triple, allow_hyphen_values = true)]
     pub gravity: Option<Triple>,
     /// Continue after steps that invert tets of a body without inverted ones, instead of failing
+    /// [default: only if the load is chosen automatically]
     #[arg(long, help_heading = "Physics")]
     pub allow_inversion: bool,
 }

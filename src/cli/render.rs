@@ -135,6 +135,9 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     if steps > 0 {
         stage.fit_view(&[])?;
     }
+    if outcome.is_ok() {
+        super::print_notes(&stage.inversion_note()?.into_iter().collect::<Vec<_>>());
+    }
     // Rendered even if the simulation failed: its last valid state is informative.
     if let Some(out) = &arguments.out {
         progress::with_message("drawing", || stage.save(out))?;

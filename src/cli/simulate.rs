@@ -119,7 +119,8 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     let film = frames.pictures.end();
     done?;
     film?;
-    super::print_notes(&stage.field_note().into_iter().collect::<Vec<_>>());
+    let notes = stage.field_note().into_iter();
+    super::print_notes(&notes.chain(stage.inversion_note()?).collect::<Vec<_>>());
     report(arguments, &stage, gpu, frames.times.len(), stage.time())?;
     Ok(Outcome::Done)
 }

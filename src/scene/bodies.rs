@@ -218,6 +218,7 @@ pub(super) fn setup(
         dt,
         cage: None,
         grid,
+        automatic_load: false,
         motion_envelope: moves.then_some(reach),
         pins,
         actors: TimeDependentLoads::default(),

@@ -116,6 +116,7 @@ impl Scene {
             dt,
             cage: Some(report),
             grid,
+            automatic_load: pull.automatic,
             motion_envelope: pull.reach,
             pins: Vec::new(),
             actors: TimeDependentLoads::default(),

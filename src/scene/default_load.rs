@@ -33,6 +33,8 @@ pub(super) struct DefaultLoad {
     pub gravity: DVec3,
     /// Time step, s.
     pub dt: f64,
+    /// Whether the load was chosen automatically, not given by the scene.
+    pub automatic: bool,
     /// Points, in file units, that the view of the whole run should contain.
     pub reach: Option<Vec<DVec3>>,
 }
@@ -214,6 +216,7 @@ impl Scene {
         let mut pull = DefaultLoad {
             gravity: given.unwrap_or(GRAVITY * across),
             dt,
+            automatic: false,
             reach: None,
         };
         let silent = given.is_none()
@@ -235,6 +238,7 @@ impl Scene {
             }
             let factor = response.factor(kind, run.steps, pull.dt);
             pull.gravity = factor * across;
+            pull.automatic = true;
             pull.reach =
                 Some(response.motion_envelope(network, pinned, factor, (kind, run.steps, pull.dt)));
             how = format!(

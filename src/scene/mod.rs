@@ -203,7 +203,8 @@ pub struct SolverEntry {
     pub iterations: Option<u32>,
     /// Relative residual at which conjugate gradients stop.
     pub tolerance: Option<f64>,
-    /// Whether steps may invert tets; by default such a step fails.
+    /// Whether steps may invert tets; by default such a step fails, unless the load was chosen
+    /// automatically.
     pub allow_inversion: Option<bool>,
     /// Whether the body sleeps when at rest; default true.
     pub sleep: Option<bool>,

@@ -33,6 +33,8 @@ pub(super) struct SimulatorSetup {
     pub cage: Option<CageReport>,
     /// Whether it is a grid body.
     pub grid: bool,
+    /// Whether its load was chosen automatically.
+    pub automatic_load: bool,
     /// Points, in file units, that the view of the whole run should contain.
     pub motion_envelope: Option<Vec<DVec3>>,
     /// Named pins.
@@ -93,7 +95,10 @@ impl SimulatorSetup {
             }
             (None, None) => scene.tet_simulator(gpu, kind, mesh, material, &mut notes)?,
         };
-        let allow = scene.solver.allow_inversion.unwrap_or(false);
+        // The load that is chosen for an unprepared mesh shows how it moves; poorly shaped tets
+        // that invert under it are reported at the end.
+        let allow = scene.solver.allow_inversion;
+        let allow = allow.unwrap_or(setup.automatic_load);
         setup.simulator.set_inversion_allowed(allow);
         let setup = setup.with_resolved_loads(gpu, scene, kind, &mut notes)?;
         Ok((setup, notes))
@@ -350,6 +355,7 @@ impl Scene {
             dt: pull.dt,
             cage: None,
             grid: false,
+            automatic_load: pull.automatic,
             motion_envelope: pull.reach,
             pins,
             actors,

@@ -65,6 +65,8 @@ pub struct GpuBody {
     pub(in crate::physics) grabs: GrabLists,
     /// Number of cuts; bindings to the arrays and their lengths are valid for one generation.
     pub(in crate::physics) generation: u64,
+    /// Whether steps may invert tets of a body without inverted ones.
+    pub(in crate::physics) inversion_allowed: bool,
     /// Counts changes of positions and velocities from outside.
     pub(in crate::physics) state_changes: u64,
 }
@@ -129,6 +131,7 @@ impl GpuBody {
             node_terms: None,
             units,
             generation: 0,
+            inversion_allowed: false,
             state_changes: 0,
         };
         body.upload_changes()?;
@@ -233,6 +236,16 @@ impl GpuBody {
     /// Whether each node is pinned.
     pub fn pinned(&self) -> &[bool] {
         self.loads.pinned()
+    }
+
+    /// Sets whether steps may invert tets of elements; by default such a step fails unless the body
+    /// had inverted tets before.
+    pub fn set_inversion_allowed(&mut self, allowed: bool) {
+        if self.inversion_allowed != allowed {
+            self.inversion_allowed = allowed;
+            // Clears a failure.
+            self.mark_changed();
+        }
     }
 
     /// Sets gravity, m/s² along the file's axes.

@@ -227,6 +227,10 @@ impl Simulator for GpuTets {
         Report::new(&self.body, &self.mesh)
     }
 
+    fn set_inversion_allowed(&mut self, allowed: bool) {
+        self.body.set_inversion_allowed(allowed);
+    }
+
     fn force_balance(&self) -> Result<Option<ForceBalance>> {
         if !self.tools.is_empty() {
             return Ok(None);

@@ -1,7 +1,7 @@
 //! Step status and history written by the GPU, and their evaluation on the CPU. The CPU side of
 //! `shaders/lib/status.wgsl`.
 
-use crate::physics::model::messages::TOOLS_OVERCONSTRAINED_MESSAGE;
+use crate::physics::model::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
 use crate::physics::model::units::LocalUnits;
 use crate::physics::{GpuBody, SolverKind, StepProgress, StepRecord, time_step_advice};
 use crate::{Error, FailureCause};
@@ -23,8 +23,8 @@ pub(in crate::physics) mod gpu_data {
             pub work: f32,
             pub kinetic: f32,
             pub elastic: f32,
+            pub inverted: u32,
             pub _pad0: u32,
-            pub _pad1: u32,
         }
     }
 }
@@ -34,6 +34,7 @@ const NON_FINITE: u32 = 1;
 const RUNAWAY_ENERGY: u32 = 2;
 /// Message for tools that the body cannot yield to.
 const PIERCED: u32 = 4;
+const INVERTED_TETS: u32 = 5;
 
 impl StepRecord {
     pub(in crate::physics) fn of_gpu(noted: [f32; 4], units: &LocalUnits) -> StepRecord {
@@ -140,6 +141,7 @@ impl Status {
         let cause = match self.failed {
             NON_FINITE => FailureCause::NotFinite,
             RUNAWAY_ENERGY => FailureCause::RunawayEnergy,
+            INVERTED_TETS => FailureCause::InvertedTets,
             _ => FailureCause::NotConverged,
         };
         let what = match self.failed {
@@ -150,6 +152,7 @@ impl Status {
                 f64::from(self.work) * body.units.energy()
             ),
             PIERCED => TOOLS_OVERCONSTRAINED_MESSAGE.to_owned(),
+            INVERTED_TETS => INVERTED_TETS_MESSAGE.to_owned(),
             _ => format!(
                 "conjugate gradients reached a relative residual of only {:.1e} in {} iterations",
                 self.residual, self.iterations

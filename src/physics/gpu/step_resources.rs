@@ -31,6 +31,8 @@ mod gpu_data {
             pub dt: f32,
             pub floor: f32,
             pub factor: f32,
+            pub allow_inversion: u32,
+            pub _pad0: u32,
         }
     }
 }
@@ -62,6 +64,7 @@ pub(in crate::physics) struct PreparedStep {
     pub(in crate::physics) dt: f64,
     pub(in crate::physics) local_dt: f32,
     pub(in crate::physics) gravity: DVec3,
+    pub(in crate::physics) inversion_allowed: bool,
     /// Revision of the body that was last prepared.
     pub(in crate::physics) revision: ChangeCounter,
     pub(in crate::physics) step: Step,
@@ -176,19 +179,20 @@ impl StepResources {
         let state = body.nodes().array();
         // Contact forces are known at the end of a step only, and their work is counted there.
         let mut restart = self.force_passes(body, state, &body.velocities, false)?;
-        restart.push(self.check_pass(2, local_dt)?);
+        restart.push(self.check_pass(body, 2, local_dt)?);
         let kept = seen.unwrap_or(&body.velocities);
         let mut resume = self.force_passes(body, state, kept, false)?;
-        resume.push(self.check_pass(1, local_dt)?);
+        resume.push(self.check_pass(body, 1, local_dt)?);
         Ok(PreparedStep {
             dt,
             local_dt,
             gravity: body.gravity(),
+            inversion_allowed: body.inversion_allowed,
             revision: body.revision(),
             loads: None,
             grab_springs: None,
             forces: self.force_passes(body, &self.next_positions, velocities, true)?,
-            check: self.check_pass(0, local_dt)?,
+            check: self.check_pass(body, 0, local_dt)?,
             commit: self
                 .gpu
                 .pass("physics/commit")
@@ -250,7 +254,7 @@ impl StepResources {
     }
 
     /// Builds the check pass; `kind` as in `shaders/physics/check.wgsl`.
-    fn check_pass(&self, kind: u32, local_dt: f32) -> Result<Pass> {
+    fn check_pass(&self, body: &GpuBody, kind: u32, local_dt: f32) -> Result<Pass> {
         let params = CheckParams {
             kind,
             groups: self.groups,
@@ -258,6 +262,8 @@ impl StepResources {
             dt: local_dt,
             floor: (ENERGY_FLOOR * f64::from(self.nodes)) as f32,
             factor: ENERGY_FACTOR as f32,
+            allow_inversion: body.inversion_allowed.into(),
+            _pad0: 0,
         };
         self.gpu
             .pass("physics/check")

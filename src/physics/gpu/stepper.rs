@@ -164,7 +164,13 @@ impl<S: Integrator> Stepper<S> {
         // Any change may have removed the cause of a failure.
         let forgive = known.as_ref().is_none_or(|k| k.revision != revision);
         let mut prepared = match known {
-            Some(known) if known.dt == dt && known.gravity == gravity => known,
+            Some(known)
+                if known.dt == dt
+                    && known.gravity == gravity
+                    && known.inversion_allowed == body.inversion_allowed =>
+            {
+                known
+            }
             known => {
                 if start == StepStart::Resume {
                     start = StepStart::Change;

@@ -29,11 +29,23 @@ pub struct ForceBalance {
     pub rounding: f64,
     /// Net forces that are negligible whatever the loads.
     pub negligible: f64,
+    /// Number of free nodes.
+    pub nodes: usize,
     /// Whether tools or self-contact act.
     pub contact: bool,
 }
 
 impl ForceBalance {
+    /// Returns an estimate of the relative error of displacements due to rounding. Errors of
+    /// different nodes are independent and the loads are not, so that it falls with the root of
+    /// their number; 0 without loads.
+    pub fn rounding_error(&self) -> f64 {
+        match self.scale > 0.0 {
+            true => self.rounding / (self.scale * (self.nodes.max(1) as f64).sqrt()),
+            false => 0.0,
+        }
+    }
+
     /// Whether the body is in equilibrium, with a tolerance relative to the loads or to
     /// `reference` (N) if that is larger.
     pub fn is_equilibrium(&self, reference: f64) -> bool {
@@ -54,6 +66,7 @@ pub(in crate::physics) struct ForceSums {
     reactions: f64,
     rounding: f64,
     negligible: f64,
+    nodes: usize,
     /// Whether tools or self-contact act.
     pub contact: bool,
 }
@@ -66,6 +79,7 @@ impl ForceSums {
         if free {
             self.residual += (internal + load).length_squared();
             self.rounding += rounding * rounding;
+            self.nodes += 1;
         } else {
             self.reactions += internal.length_squared();
         }
@@ -82,6 +96,7 @@ impl ForceSums {
         self.residual += force.length_squared() + moment.length_squared();
         self.loads += load.length_squared();
         self.rounding += rounding * rounding;
+        self.nodes += 1;
     }
 
     /// Adds another body.
@@ -90,6 +105,7 @@ impl ForceSums {
         self.loads += other.scale * other.scale;
         self.rounding += other.rounding * other.rounding;
         self.negligible += other.negligible * other.negligible;
+        self.nodes += other.nodes;
         self.contact |= other.contact;
     }
 
@@ -100,6 +116,7 @@ impl ForceSums {
             scale: self.loads.max(self.reactions).sqrt(),
             rounding: self.rounding.sqrt(),
             negligible: self.negligible.sqrt(),
+            nodes: self.nodes,
             contact: self.contact,
         }
     }

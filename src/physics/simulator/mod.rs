@@ -368,8 +368,8 @@ pub trait Simulator: Send {
     /// Errors of reading back.
     fn report(&self) -> Result<Report>;
 
-    /// Sets whether steps may invert tets of elements. By default a step of the CPU engine that
-    /// inverts tets of a body without inverted ones fails.
+    /// Sets whether steps may invert tets of elements. By default a step on the CPU or the
+    /// GPU that inverts tets of a body without inverted ones fails.
     fn set_inversion_allowed(&mut self, allowed: bool) {
         let _ = allowed;
     }

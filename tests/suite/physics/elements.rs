@@ -34,6 +34,7 @@ fn bar() -> TetMesh {
 fn gpu_forces(gpu: &Gpu, body: &mut GpuBody, share: f64) -> (Vec<DVec3>, f64) {
     let before = Truth::of(body);
     let h = share * body.units().time;
+    body.set_inversion_allowed(true);
     let mut stepper = solver(gpu, body, SolverKind::Symplectic);
     let progress = stepper.run(body, 1, h).unwrap();
     let after = Truth::of(body);
@@ -330,6 +331,7 @@ fn scrambled_bodies_recover() {
                 .map(|((x, rest), held)| if *held { *rest } else { *x })
                 .collect();
             body.set_positions(&x).unwrap();
+            body.set_inversion_allowed(true);
             let mut stepper = solver(&gpu, &body, SolverKind::Implicit);
             stepper.run(&mut body, 300, 0.01).unwrap();
             let report = Report::new(&body, &mesh).unwrap();

@@ -1,11 +1,13 @@
-//! Failures are detected on the GPU, freeze the last valid state, and are reported with advice.
+//! Failures are detected, freeze the last valid state, and are reported with advice.
 
 use super::common::{Twins, solver};
 use glam::DVec3;
-use palpate::Error;
-use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::physics::{CgSettings, GpuBody, ImplicitEuler, Material, Solver, SolverKind};
+use palpate::physics::{
+    CgSettings, Engine, EngineChoice, GpuBody, ImplicitEuler, Material, MaterialModel, Solver,
+    SolverKind,
+};
+use palpate::{Error, FailureCause, generate};
 
 fn what(error: &Error) -> &str {
     match error {
@@ -151,4 +153,42 @@ fn unconverged_conjugate_gradients_are_reported() {
         ..settings
     };
     assert!(ImplicitEuler::with(&gpu, &twins.body, settings).is_err());
+}
+
+#[test]
+fn step_that_inverts_tets_fails_with_last_valid_state() {
+    let gpu = Gpu::new().unwrap();
+    let mesh = generate::bar([6, 2, 2], DVec3::new(0.6, 0.2, 0.2)).unwrap();
+    for engine in [Engine::Cpu, Engine::Gpu] {
+        for kind in [SolverKind::Implicit, SolverKind::Symplectic] {
+            let name = format!("{engine} {kind}");
+            let material = Material {
+                model: MaterialModel::NeoHookean,
+                ..Material::from_young(1e4)
+            };
+            let choice = EngineChoice::Exactly(engine);
+            let mut body = choice
+                .build_tets(&gpu, mesh.clone(), &material, kind)
+                .unwrap();
+            let body = body.as_mut();
+            body.pin(|p| p.z < 1e-6).unwrap();
+            body.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -3e4));
+            let dt = body.largest_stable_step().map_or(1e-3, |limit| 0.2 * limit);
+            let error = body.run(100, dt).unwrap_err();
+            let Error::Solver { cause, .. } = &error else {
+                panic!("{name}: {error}");
+            };
+            assert_eq!(*cause, FailureCause::InvertedTets, "{name}: {error}");
+            let report = body.report().unwrap();
+            assert_eq!(report.inverted_tets, 0, "{name}");
+            // A body with inverted tets may recover in several steps.
+            body.set_inversion_allowed(true);
+            body.run(1, dt).unwrap();
+            let inverted = body.report().unwrap().inverted_tets;
+            assert!(inverted > 0, "{name}");
+            body.set_inversion_allowed(false);
+            body.loads_mut().set_gravity(DVec3::ZERO);
+            body.run(1, dt).unwrap_or_else(|e| panic!("{name}: {e}"));
+        }
+    }
 }

@@ -11,9 +11,9 @@ fn requesting_missing_engine_reports_how_to_build_it() {
     let choice: EngineChoice = "rapier".parse().unwrap();
     let material = Material {
         model: MaterialModel::NeoHookean,
-        ..Material::young(1e4)
+        ..Material::from_young(1e4)
     };
-    let message = choice.tets(&gpu(), mesh, &material, SolverKind::Implicit);
+    let message = choice.build_tets(&gpu(), mesh, &material, SolverKind::Implicit);
     let message = message.err().unwrap().to_string();
     assert!(message.contains("--features rapier"), "{message}");
 }

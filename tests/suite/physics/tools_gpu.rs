@@ -95,6 +95,7 @@ fn fast_sphere_has_no_tunnelling() {
     let [mut body, _] = both(&slab(10));
     let shape = Shape::Sphere { radius: 0.15 };
     body.pin(|p| p.z < 1e-3).unwrap();
+    body.set_inversion_allowed(true);
     let mut at = DVec3::new(0.3, 0.5, 0.8);
     let id = add(body.as_mut(), &shape, at, 0.3);
     let down = DVec3::new(0.0, 0.0, -0.15);
