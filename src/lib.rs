@@ -18,6 +18,7 @@ pub mod io;
 pub mod mesh;
 pub mod mesher;
 pub mod meshing;
+pub mod number_format;
 pub(crate) mod parallel;
 pub mod physics;
 pub mod press;

@@ -34,7 +34,8 @@ class Press:
         depth: indentation relative to first contact with the body at rest, m.
         force: contact force on the fingertip, directed out of the body, N.
         report: ``stiffness_n_per_m, hertz_young_pa, max_force_n, max_depth_m, radius_m, poisson,
-            engine, seconds``.
+            engine, seconds, warnings``. Stiffness and modulus are None if there are warnings: the press
+            did not measure the elastic response of the body.
         point: press point, in the mesh's unit.
         rest: picture of the body at rest, shape (height, width, 4).
         pressed: picture at maximum depth, clipped through the press point.
@@ -141,12 +142,14 @@ def press(
     notes = native.notes()
     if native.falls_short():
         notes.append("the force was not reached within half of the thickness")
+    report = json.loads(native.report(seconds))
+    notes += report["warnings"]
     return Press(
         time=np.array([s[0] for s in samples]),
         loading=np.array([s[1] == "load" for s in samples], dtype=np.bool_),
         depth=np.array([s[2] for s in samples]),
         force=np.array([s[3] for s in samples]),
-        report=json.loads(native.report(seconds)),
+        report=report,
         point=native.spot()[0],
         rest=rest,
         pressed=pressed,
@@ -162,7 +165,7 @@ class PressMap:
 
     Attributes:
         points: press points, in the mesh's unit, shape (n, 3).
-        stiffness: N/m, shape (n,); NaN if a step failed.
+        stiffness: N/m, shape (n,); NaN if a step failed or the press was not valid.
         picture: picture of the stiffness on the body, shape (height, width, 4).
         notes: notes of automatic choices, one sentence each.
     """

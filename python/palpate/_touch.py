@@ -193,6 +193,13 @@ class Touched:
             self._press.ends = True
 
     @property
+    def problem(self) -> str | None:
+        """Why the force of the press has no meaning at present, if so."""
+        if self._press is None:
+            return None
+        return _palpate.contact_problem([(depth, force) for _, depth, force in self.samples])
+
+    @property
     def pressed(self) -> bool:
         """Whether a press is active."""
         return self._press is not None

@@ -99,6 +99,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         self._shown_at = 0.0
         self._ended = False
         self._working = False
+        self._problem: str | None = None
         self.on_msg(self._hear)
         self.observe(self._relook, ["field", "colour", "opacity_scale", "range", "plane", "plane_position"])
         self._painter = threading.Thread(target=self._paint, name="palpate-view", daemon=True)
@@ -208,6 +209,10 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
                 frame = {"kind": "frame", "number": self._sent, "heard": self._heard}
                 self.send(frame, [_palpate.jpeg(picture, quality)])
                 samples = [s for s in self._touched.samples if s[1] >= 0.0][-_KEPT:]
+                problem = self._touched.problem
+                if problem != self._problem:
+                    self.said = problem or ""
+                    self._problem = problem
                 if len(samples) != len(self.curve):
                     self.curve = [[1e3 * depth, force] for _, depth, force in samples]
 

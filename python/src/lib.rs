@@ -26,6 +26,7 @@ fn _palpate(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<pieces::Intervals>()?;
     module.add_class::<press::Press>()?;
     module.add_class::<press::PressMap>()?;
+    module.add_function(wrap_pyfunction!(press::contact_problem, module)?)?;
     module.add_function(wrap_pyfunction!(devices::adapters, module)?)?;
     module.add_function(wrap_pyfunction!(devices::device_memory, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::load_mesh, module)?)?;

@@ -6,6 +6,7 @@ use clap::Args;
 use glam::{DVec2, DVec3};
 use palpate::gpu::Gpu;
 use palpate::io::{PvdSeries, atomic_write};
+use palpate::number_format::significant;
 use palpate::press::{MapOptions, Press, PressOptions, PressReport, PressSample};
 use palpate::render::{Animation, Background};
 use palpate::scene::Scene;
@@ -34,7 +35,7 @@ pub struct PressArguments {
     #[arg(long, value_name = "X,Y", value_parser = pixel)]
     pick: Option<Pixel>,
     /// Set the radius of the fingertip, in the mesh's unit [default: a quarter of the local thickness,
-    /// at most a 20th of the body's diagonal, at least 1.5 edge lengths of the mesh]
+    /// at most a 20th of the body's diagonal, at least 1 to 1.5 edge lengths of the mesh]
     #[arg(long)]
     radius: Option<f64>,
     /// Set the indentation depth, in the mesh's unit [default: a tenth of the local thickness]
@@ -112,12 +113,12 @@ pub fn press(
     super::print_notes(press.notes());
     let spot = *press.site();
     super::print_notes(&[format!(
-        "pressing at {:.4}, {:.4}, {:.4} (local thickness {:.4}) with a fingertip of radius {:.4}",
-        spot.point.x,
-        spot.point.y,
-        spot.point.z,
-        spot.thickness,
-        press.radius()
+        "pressing at {}, {}, {} (local thickness {}) with a fingertip of radius {}",
+        significant(spot.point.x),
+        significant(spot.point.y),
+        significant(spot.point.z),
+        significant(spot.thickness),
+        significant(press.radius())
     )]);
     press.stage().save(out.join("rest.png"))?;
     press.clip_at_press()?;
@@ -149,7 +150,7 @@ pub fn press(
             if press.at_max_depth() {
                 press.stage().save(out.join("pressed.png"))?;
             }
-            bar.detail(format!("{:.3} N", sample.force_n));
+            bar.detail(format!("{} N", significant(sample.force_n)));
             bar.inc(1);
         }
     })?;
@@ -164,8 +165,8 @@ pub fn press(
     draw_chart(out, press.samples(), &report)?;
     if let Some(why) = ended {
         anyhow::bail!(
-            "the press failed at a depth of {:.3} mm: {why}; the measurements so far are in {}",
-            1e3 * report.max_depth_m,
+            "the press failed at a depth of {} mm: {why}; the measurements so far are in {}",
+            significant(1e3 * report.max_depth_m),
             out.display()
         );
     }
@@ -177,23 +178,30 @@ pub fn press(
     }
     if let Some(depth) = press.inversion_depth() {
         super::print_notes(&[format!(
-            "tets would be inverted deeper than {:.4} mm, so the press ended there and its stiffness is that of smaller depths; use a finer mesh, a larger --radius or a smaller --depth",
-            1e3 * depth
+            "tets would be inverted deeper than {} mm, so the press ended there and its stiffness is that of smaller depths; use a finer mesh, a larger --radius or a smaller --depth",
+            significant(1e3 * depth)
         )]);
     }
+    super::print_notes(&report.warnings);
     print_result(out, &report, seconds);
     Ok(report)
 }
 
 /// Prints the measurements, and the names of the files.
 fn print_result(out: &Path, report: &PressReport, seconds: f64) {
+    let stiffness = match (report.stiffness_n_per_m, report.hertz_young_pa) {
+        (Some(stiffness), Some(young)) => format!(
+            "stiffness {} N/m; Hertz half-space Young's modulus {} Pa",
+            significant(stiffness),
+            significant(young)
+        ),
+        _ => "no stiffness, because the press is not valid (above)".into(),
+    };
     super::print_notes(&[
         format!(
-            "{:.4} N at {:.3} mm; stiffness {:.4} N/m; Hertz half-space Young's modulus {:.4e} Pa; {seconds:.1} s",
-            report.max_force_n,
-            1e3 * report.max_depth_m,
-            report.stiffness_n_per_m,
-            report.hertz_young_pa
+            "{} N at {} mm; {stiffness}; {seconds:.1} s",
+            significant(report.max_force_n),
+            significant(1e3 * report.max_depth_m)
         ),
         format!(
             "wrote {0}/rest.png, {0}/pressed.png, {0}/press.gif, {0}/press.csv, {0}/press.svg, {0}/press.json, and {0}/press.pvd for ParaView",
@@ -222,25 +230,29 @@ fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Resu
         points.collect::<Vec<_>>()
     };
     let over = 1.0 - report.poisson * report.poisson;
-    let hertz = |k: u32| {
-        let depth = report.max_depth_m * f64::from(k) / 40.0;
-        let force =
-            4.0 / 3.0 * report.hertz_young_pa / over * report.radius_m.sqrt() * depth.powf(1.5);
-        [1e3 * depth, force]
-    };
+    let hertz = report.hertz_young_pa.map(|young| {
+        let of = |k: u32| {
+            let depth = report.max_depth_m * f64::from(k) / 40.0;
+            let force = 4.0 / 3.0 * young / over * report.radius_m.sqrt() * depth.powf(1.5);
+            [1e3 * depth, force]
+        };
+        Series::new(
+            format!("Hertz, {} Pa", significant(young)),
+            SeriesStyle::Dashed,
+            (0..=40).map(of).collect(),
+        )
+    });
     let chart = Chart {
         title: "Force against depth".into(),
         x: Axis::linear("depth, mm"),
         y: Axis::linear("force, N"),
-        series: vec![
+        series: [
             Series::new("loading", SeriesStyle::LineMarks, of("load")),
             Series::new("unloading", SeriesStyle::LineMarks, of("unload")),
-            Series::new(
-                format!("Hertz, {:.3e} Pa", report.hertz_young_pa),
-                SeriesStyle::Dashed,
-                (0..=40).map(hertz).collect(),
-            ),
-        ],
+        ]
+        .into_iter()
+        .chain(hertz)
+        .collect(),
     };
     chart.save(out, "press")
 }

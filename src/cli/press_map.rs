@@ -3,6 +3,7 @@
 use super::{print_notes, progress};
 use palpate::gpu::Gpu;
 use palpate::io::atomic_write;
+use palpate::number_format::significant;
 use palpate::press::{MapOptions, PointResult, PressMap};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
@@ -64,18 +65,19 @@ pub fn run(
     let failed = failed(&map);
     if failed > 0 {
         print_notes(&[format!(
-            "{failed} points have no stiffness (nan) because a step failed; try a smaller --depth or a larger --radius"
+            "{failed} points have no stiffness (nan): a step failed, or the body snapped or slipped away from the fingertip; try a smaller --depth or a larger --radius"
         )]);
     }
     if let (Some(median), Some(top)) = (map.median(), map.stiffest()) {
         let stiffness = top.stiffness().unwrap_or(median);
         print_notes(&[format!(
-            "stiffest of {} points: {stiffness:.4} N/m, {:.2} times the median, at {:.4}, {:.4}, {:.4}",
+            "stiffest of {} points: {} N/m, {:.2} times the median, at {}, {}, {}",
             map.points().len(),
+            significant(stiffness),
             stiffness / median,
-            top.point.x,
-            top.point.y,
-            top.point.z
+            significant(top.point.x),
+            significant(top.point.y),
+            significant(top.point.z)
         )]);
     }
     print_notes(&[format!(

@@ -4,6 +4,7 @@ use super::{
     AnatomicalFrame, BoundaryReport, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh,
     Topology, components,
 };
+use crate::number_format::significant;
 use rayon::slice::ParallelSliceMut;
 use std::fmt;
 
@@ -232,16 +233,16 @@ impl fmt::Display for MeshDescription {
             ),
         )?;
         row(f, "components", self.components.to_string())?;
-        row(f, "volume", number(self.volume))?;
+        row(f, "volume", significant(self.volume))?;
         for (axis, name) in ["x", "y", "z"].iter().enumerate() {
             row(
                 f,
                 name,
                 format!(
                     "{} … {}  (size {})",
-                    number(low[axis]),
-                    number(high[axis]),
-                    number(high[axis] - low[axis])
+                    significant(low[axis]),
+                    significant(high[axis]),
+                    significant(high[axis] - low[axis])
                 ),
             )?;
         }
@@ -275,7 +276,7 @@ impl fmt::Display for MeshDescription {
                 n => format!("{n} components"),
             };
             let range = match (field.min, field.max) {
-                (Some(min), Some(max)) => format!("{} … {}", number(min), number(max)),
+                (Some(min), Some(max)) => format!("{} … {}", significant(min), significant(max)),
                 _ => "no finite value".into(),
             };
             let length = yes(field.components > 1, " (length)", "");
@@ -302,7 +303,7 @@ impl fmt::Display for QualityReport {
             format!(
                 "mean {:.3}, minimum {} (1 = regular, 0 = flat); {} below 0.01",
                 self.mean,
-                number(self.min),
+                significant(self.min),
                 grouped(self.slivers)
             ),
         )?;
@@ -328,12 +329,12 @@ impl fmt::Display for QualityReport {
         }
         writeln!(f, "worst tets")?;
         for w in self.worst.iter().take(3) {
-            let [x, y, z] = w.centroid.map(number);
+            let [x, y, z] = w.centroid.map(significant);
             writeln!(
                 f,
                 "  {}: quality {}, smallest angle {:.2}°, at ({x}, {y}, {z})",
                 w.tet,
-                number(w.quality),
+                significant(w.quality),
                 w.min_dihedral
             )?;
         }
@@ -356,20 +357,4 @@ fn grouped(n: usize) -> String {
         out.push(d);
     }
     out
-}
-
-/// Formats a number with six significant digits, without trailing zeros.
-fn number(x: f64) -> String {
-    if x == 0.0 || !x.is_finite() {
-        return x.to_string();
-    }
-    let magnitude = x.abs().log10().floor() as i32;
-    if !(-4..9).contains(&magnitude) {
-        return format!("{x:.5e}");
-    }
-    let text = format!("{x:.*}", (5 - magnitude).max(0) as usize);
-    match text.contains('.') {
-        true => text.trim_end_matches('0').trim_end_matches('.').to_string(),
-        false => text,
-    }
 }

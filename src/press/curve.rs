@@ -22,12 +22,13 @@ pub struct PressSample {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PressReport {
     /// Slope of force over depth, fitted to the deeper half of the loading path up to the maximum
-    /// force.
-    pub stiffness_n_per_m: f64,
+    /// force; `None` with warnings.
+    pub stiffness_n_per_m: Option<f64>,
     /// Young's modulus of an elastic half space with the same resistance, by Hertz: F = 4/3 E √R
     /// d³ᐟ² / (1 − ν²), fitted to the loading path up to the maximum force. A body that is thin
     /// over the contact, or bonded to something hard, appears stiffer than it is.
-    pub hertz_young_pa: f64,
+    /// `None` with warnings.
+    pub hertz_young_pa: Option<f64>,
     /// Maximum force.
     pub max_force_n: f64,
     /// Maximum depth.
@@ -40,13 +41,16 @@ pub struct PressReport {
     pub engine: String,
     /// Computing time, s.
     pub seconds: f64,
+    /// Why the press did not measure the elastic response of the body, one sentence each with what
+    /// to do; normally empty.
+    pub warnings: Vec<String>,
 }
 
 pub(super) fn report(
     samples: &[PressSample],
     [radius, poisson]: [f64; 2],
-    engine: String,
-    seconds: f64,
+    (engine, seconds): (String, f64),
+    warnings: Vec<String>,
 ) -> PressReport {
     let way_in: Vec<[f64; 2]> = samples
         .iter()
@@ -71,15 +75,17 @@ pub(super) fn report(
         true => 0.75 * (1.0 - poisson * poisson) * hertz / (weight * radius.sqrt()),
         false => 0.0,
     };
+    let valid = warnings.is_empty();
     PressReport {
-        stiffness_n_per_m: slope(&deeper),
-        hertz_young_pa: young,
+        stiffness_n_per_m: valid.then(|| slope(&deeper)),
+        hertz_young_pa: valid.then_some(young),
         max_force_n: max_force,
         max_depth_m: max_depth,
         radius_m: radius,
         poisson,
         engine,
         seconds,
+        warnings,
     }
 }
 
@@ -100,6 +106,7 @@ fn slope(points: &[[f64; 2]]) -> f64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -120,12 +127,12 @@ mod tests {
                 }
             })
             .collect();
-        let found = report(&samples, [radius, poisson], "cpu".into(), 1.0);
-        assert!((found.hertz_young_pa / young - 1.0).abs() < 1e-12);
+        let found = report(&samples, [radius, poisson], ("cpu".into(), 1.0), Vec::new());
+        assert!((found.hertz_young_pa.unwrap() / young - 1.0).abs() < 1e-12);
         assert!((found.max_depth_m - 1.6e-3).abs() < 1e-12);
         // The slope between half and full depth.
         let chord = (force(1.6e-3) - force(0.8e-3)) / 0.8e-3;
-        assert!((found.stiffness_n_per_m / chord - 1.0).abs() < 0.01);
+        assert!((found.stiffness_n_per_m.unwrap() / chord - 1.0).abs() < 0.01);
         // Samples after slipping do not change the fit.
         let mut slipped = samples[..18].to_vec();
         slipped.push(PressSample {
@@ -133,13 +140,20 @@ mod tests {
             force_n: 0.1 * force(1.6e-3),
             ..slipped[17]
         });
-        let again = report(&slipped, [radius, poisson], "cpu".into(), 1.0);
+        let again = report(&slipped, [radius, poisson], ("cpu".into(), 1.0), Vec::new());
         assert_eq!(again.stiffness_n_per_m, found.stiffness_n_per_m);
         assert!(again.max_depth_m > found.max_depth_m);
-        let nothing = report(&[], [radius, poisson], String::new(), 0.0);
+        let nothing = report(&[], [radius, poisson], (String::new(), 0.0), Vec::new());
         assert_eq!(
             [nothing.hertz_young_pa, nothing.stiffness_n_per_m],
-            [0.0; 2]
+            [Some(0.0); 2]
         );
+        let warned = report(
+            &samples,
+            [radius, poisson],
+            (String::new(), 0.0),
+            vec!["slipped".into()],
+        );
+        assert_eq!([warned.hertz_young_pa, warned.stiffness_n_per_m], [None; 2]);
     }
 }

@@ -1,32 +1,39 @@
 //! `palpate press`: a fingertip presses on a body that lies on a table, and is withdrawn; measures
 //! the resistance and the equivalent Young's modulus by Hertz.
 //!
-//! Presses are quasi-static: each tool step is one step of implicit Euler, long enough for
-//! oscillations to decay. The mesh is taken as the shape under gravity, so no gravity is applied.
+//! Presses are quasi-static: each tool step is one step of implicit Euler, so long that inertia and
+//! damping are negligible. The mesh is taken as the shape under gravity, so no gravity is applied.
 
 mod curve;
 mod map;
 mod site;
+mod table;
+mod validity;
 
 pub use curve::{PressReport, PressSample};
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 pub use site::PressSite;
+pub use validity::{ContactProblem, contact_problem, curve_warnings, in_pieces};
 
 use crate::gpu::Gpu;
-use crate::mesh::TetMesh;
-use crate::physics::{Engine, EngineChoice};
+use crate::number_format::significant;
+use crate::physics::{DiscreteModel, Engine, EngineChoice};
 use crate::render::{Plane, Sections};
-use crate::scene::{Axis, Region, Scene, SphereEntry, Stage, ToolEntry};
+use crate::scene::{Motion, Scene, SphereEntry, Stage, ToolEntry};
 use crate::{Error, FailureCause, Result, no_progress};
 use glam::{DVec2, DVec3};
 use site::Boundary;
+use table::Table;
 
 /// Loading steps; as many unloading steps follow.
 const STEPS: u32 = 16;
 /// Largest number of steps into which a step that would invert tets is split.
 const MAX_SUBSTEPS: u32 = 16;
-/// Default and minimum time step, s.
-const STEP: f64 = 0.2;
+/// Time step over the time in which a shear wave crosses the body: inertia is negligible even for
+/// slender bodies, whose lowest frequencies are far below the inverse of that time.
+const STEP_IN_CROSSINGS: f64 = 1e4;
+/// Time step of a body of unknown stiffness, s.
+const STEP: f64 = 100.0;
 /// Default depth relative to the local thickness; and the maximum depth of a press to a force.
 const DEPTH: f64 = 0.1;
 const MAX_DEPTH: f64 = 0.5;
@@ -36,8 +43,6 @@ const FIRST_APPROACH_FRACTION: f64 = 0.6;
 const FORCE_TOLERANCE: f64 = 0.99;
 /// Initial distance of the tool from the body, relative to its radius.
 const INITIAL_CLEARANCE: f64 = 0.02;
-/// Fraction of the body's height along gravity that is fixed to the table.
-const TABLE_HEIGHT_FRACTION: f64 = 0.04;
 /// Minimum cosine between the view direction and the normal of the clip plane.
 const MIN_VIEW_COSINE: f64 = 0.35;
 /// Name of the tool.
@@ -102,6 +107,8 @@ pub struct Press {
     samples: Vec<PressSample>,
     /// Depth at which tets would have been inverted, m.
     inversion_depth: Option<f64>,
+    /// Why presses on the body there cannot be measured.
+    warnings: Vec<String>,
     notes: Vec<String>,
 }
 
@@ -126,7 +133,8 @@ impl Press {
         let spot = site::find_site(&mut still, &boundary, wanted)?;
         let camera = *still.camera_mut();
         drop(still);
-        if on_table(&mesh, down, spot.point) {
+        let table = Table::new(&mesh, down)?;
+        if table.holds(spot.point) {
             return Err(Error::Input(format!(
                 "press point {} is fixed to the table; press elsewhere (--at x,y,z or --pick X,Y), or change gravity (--gravity x,y,z)",
                 spot.point
@@ -134,12 +142,13 @@ impl Press {
         }
         let radius = wanted
             .radius
-            .unwrap_or(boundary.fitting_radius(spot.thickness));
+            .unwrap_or_else(|| boundary.fitting_radius(spot.thickness, [&spot].into_iter()));
         let depth = match wanted.force {
             Some(_) => MAX_DEPTH * spot.thickness,
             None => wanted.depth.unwrap_or(DEPTH * spot.thickness),
         };
         let touch = boundary.first_touch(&spot, radius);
+        let warnings = validity::body_warnings(&mesh, &boundary, &spot, radius);
         let start = spot.point + (touch + INITIAL_CLEARANCE * radius) * spot.outward;
         scene.tool.push(ToolEntry {
             name: Some(NAME.into()),
@@ -148,20 +157,23 @@ impl Press {
             colour: Some([0.87, 0.72, 0.62]),
             ..ToolEntry::default()
         });
-        scene.pin.push(table(down));
+        scene.pin.push(table.region());
         let poisson = scene.material.poisson_of(&mesh)?;
         let mut stage = Stage::with_mesh(gpu, &scene, mesh)?;
         *stage.camera_mut() = camera;
-        let motion = stage.motion().ok_or_else(|| {
+        let motion = stage.motion_mut().ok_or_else(|| {
             Error::Input("a static body cannot be pressed; set [solver] name".into())
         })?;
+        make_quasi_static(motion);
+        let step = motion.dt;
         let unit = motion.simulator.loads().frame_and_unit().1;
         let mut notes = stage.notes().to_vec();
         notes.push(format!(
-            "the body is placed on a table and fixed there; solver {} with time step {} s; loads, grabs, moves, cuts, tools and floor of the scene are ignored",
+            "the body is placed on a table and fixed there; quasi-static: solver {} with time steps of {} s; loads, grabs, moves, cuts, tools and floor of the scene are ignored",
             scene.solver.name.as_deref().unwrap_or_default(),
-            scene.solver.dt.unwrap_or(STEP)
+            significant(step)
         ));
+        notes.extend(table.note());
         Ok(Press {
             poisson,
             stage,
@@ -175,6 +187,7 @@ impl Press {
             left: None,
             samples: Vec::new(),
             inversion_depth: None,
+            warnings,
             notes,
         })
     }
@@ -252,8 +265,14 @@ impl Press {
             },
         };
         if !self.move_fingertip(goal)? {
-            self.inversion_depth
-                .get_or_insert(self.unit * self.current_depth);
+            if loads {
+                self.inversion_depth = Some(self.unit * self.current_depth);
+            } else {
+                self.warnings.push(format!(
+                    "tets would be inverted while the fingertip withdraws from {} mm, so the press ended there: the body had snapped to another shape; press less deep (--depth), or on a finer mesh",
+                    significant(1e3 * self.unit * self.current_depth)
+                ));
+            }
             // After loading, the last sample is that of the largest depth.
             self.left = Some(if loads { STEPS } else { 0 });
             return match loads {
@@ -355,10 +374,26 @@ impl Press {
         curve::report(
             &self.samples,
             [self.unit * self.radius, self.poisson],
-            engine.unwrap_or_default(),
-            seconds,
+            (engine.unwrap_or_default(), seconds),
+            self.warnings(),
         )
     }
+
+    /// Returns why the press does not measure the elastic response of the body, one sentence each
+    /// with what to do.
+    pub fn warnings(&self) -> Vec<String> {
+        let body = self.warnings.iter().cloned();
+        body.chain(curve_warnings(&self.samples)).collect()
+    }
+}
+
+/// Makes the steps of `motion` so long that inertia and damping are negligible.
+fn make_quasi_static(motion: &mut Motion) {
+    let crossing = motion
+        .simulator
+        .network()
+        .and_then(DiscreteModel::wave_crossing_time);
+    motion.dt = crossing.map_or(STEP, |time| STEP_IN_CROSSINGS * time);
 }
 
 /// Rejects scenes other than a single tetrahedral body.
@@ -386,7 +421,7 @@ fn prepare_scene(scene: &Scene) -> (Scene, DVec3) {
     prepared.floor = None;
     prepared.solver.gravity = Some([0.0; 3]);
     prepared.solver.name = Some("implicit".into());
-    prepared.solver.dt = Some(scene.solver.dt.unwrap_or(STEP).max(STEP));
+    prepared.solver.dt = Some(STEP);
     prepared.solver.sleep = Some(false);
     let engine = scene.solver.engine.unwrap_or(EngineChoice::Auto);
     prepared.solver.engine = Some(match engine {
@@ -394,28 +429,4 @@ fn prepare_scene(scene: &Scene) -> (Scene, DVec3) {
         named => named,
     });
     (prepared, down)
-}
-
-/// Whether a point belongs to the part fixed to the table.
-fn on_table(mesh: &TetMesh, down: DVec3, point: DVec3) -> bool {
-    let axis = down.abs().max_position();
-    let (low, high) = mesh.bounds();
-    let share = (point[axis] - low[axis]) / (high[axis] - low[axis]).max(f64::MIN_POSITIVE);
-    match down[axis] < 0.0 {
-        true => share <= TABLE_HEIGHT_FRACTION,
-        false => share >= 1.0 - TABLE_HEIGHT_FRACTION,
-    }
-}
-
-/// Returns the region fixed to the table: the lowest part along the axis closest to gravity.
-fn table(down: DVec3) -> Region {
-    let axis = down.abs().max_position();
-    let up = down[axis] < 0.0;
-    Region {
-        name: Some("table".into()),
-        axis: Some([Axis::X, Axis::Y, Axis::Z][axis]),
-        below: up.then_some(TABLE_HEIGHT_FRACTION),
-        above: (!up).then_some(1.0 - TABLE_HEIGHT_FRACTION),
-        ..Region::default()
-    }
 }

@@ -8,10 +8,12 @@ use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
 /// Default radius of the fingertip: this fraction of the thickness, at most `LARGEST` times the
-/// body's diagonal; at least `EDGES` mean boundary edges, but not above twice that maximum.
+/// body's diagonal; at least `EDGES` mean boundary edges, but not above twice that maximum; and at
+/// least `MIN_EDGES` local edges: a smaller one is not resolved.
 const RADIUS: f64 = 0.25;
 const EDGES: f64 = 1.5;
 const LARGEST: f64 = 0.05;
+const MIN_EDGES: f64 = 1.05;
 /// Radius of the neighbourhood over which face normals are averaged, in mean edges.
 const NORMAL_RADIUS: f64 = 2.5;
 /// Maximum number of conservative advancement steps.
@@ -79,12 +81,34 @@ impl Boundary {
         }
     }
 
-    /// Returns the default radius for a given thickness.
-    pub fn fitting_radius(&self, thickness: f64) -> f64 {
+    /// Returns the default radius for presses at `sites` with a typical thickness.
+    pub fn fitting_radius<'a>(
+        &self,
+        thickness: f64,
+        sites: impl Iterator<Item = &'a PressSite>,
+    ) -> f64 {
         let largest = LARGEST * self.diagonal();
-        (RADIUS * thickness)
+        let radius = (RADIUS * thickness)
             .min(largest)
-            .max((EDGES * self.edge).min(2.0 * largest))
+            .max((EDGES * self.edge).min(2.0 * largest));
+        let edges = sites.map(|site| self.edge_near(site.point, radius));
+        edges.fold(radius, |radius, edge| radius.max(MIN_EDGES * edge))
+    }
+
+    /// Returns the mean edge length of the faces within `radius` of a boundary point, or of the one
+    /// closest to it.
+    pub fn edge_near(&self, point: DVec3, radius: f64) -> f64 {
+        let mean =
+            |[a, b, c]: &[DVec3; 3]| (a.distance(*b) + b.distance(*c) + c.distance(*a)) / 3.0;
+        let near = |[a, b, c]: &&[DVec3; 3]| {
+            let away = |p: &DVec3| p.distance(point) <= radius;
+            away(a) || away(b) || away(c)
+        };
+        let edges: Vec<f64> = self.faces.iter().filter(near).map(mean).collect();
+        match self.tree.nearest(point) {
+            Some((face, _)) if edges.is_empty() => mean(&self.faces[face]),
+            _ => edges.iter().sum::<f64>() / edges.len().max(1) as f64,
+        }
     }
 
     /// Returns the boundary point closest to `p`.

@@ -7,8 +7,12 @@ use crate::ui_cache::UiCache;
 use crate::viewport::Viewport;
 use eframe::egui::{self, Color32, Rect, Sense, Stroke as Line};
 use glam::DVec3;
+use palpate::number_format::rounded;
 use palpate::render::Camera;
 use std::time::Duration;
+
+/// Colour of warnings over the picture: orange of Okabe and Ito, legible on light and dark.
+const WARNING: Color32 = Color32::from_rgb(230, 159, 0);
 
 impl App {
     /// Fits the view to the body.
@@ -117,10 +121,20 @@ impl App {
         if let Some(show) = &self.show
             && let (Some(force), Some(sample)) = (show.force(), show.samples.last())
         {
-            let said = format!("{force:.3} N at {:.2} mm", 1e3 * sample.depth_m);
+            let said = format!(
+                "{} N at {} mm",
+                rounded(force, 4),
+                rounded(1e3 * sample.depth_m, 4)
+            );
             let at = area.rect.left_top() + egui::vec2(14.0, 12.0);
             let font = egui::FontId::proportional(20.0);
-            painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
+            let place = painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
+            if let Some(warning) = show.press_warning() {
+                let font = egui::FontId::proportional(14.0);
+                let width = area.rect.width() - 28.0;
+                let text = painter.layout(warning, font, WARNING, width);
+                painter.galley(place.left_bottom() + egui::vec2(0.0, 4.0), text, WARNING);
+            }
         }
         self.draw_axes(&painter, area, strong);
         let loading = self.loading.as_ref();

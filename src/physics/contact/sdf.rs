@@ -259,6 +259,6 @@ mod tests {
         let half = open.triangles.len() / 2;
         open.triangles.truncate(half);
         let error = DistanceField::new(&open).unwrap_err().to_string();
-        assert!(error.contains("inside"), "{error}");
+        assert!(error.contains("96 open edges"), "{error}");
     }
 }

@@ -58,6 +58,33 @@ impl DiscreteModel {
         ClampedEnd::of_largest_component(&self.rest_positions, &self.masses, ties, down)
     }
 
+    /// Returns the time in which the slowest shear wave crosses the body, s: its extent over
+    /// √(μ/ρ), or over the length of springs times √(κ/m); `None` without elements and springs.
+    pub fn wave_crossing_time(&self) -> Option<f64> {
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for x in &self.rest_positions {
+            (low, high) = (low.min(*x), high.max(*x));
+        }
+        let speed = match self.elements.tets.is_empty() {
+            false => {
+                let tets = &self.elements.tets;
+                let volume: f64 = tets.iter().map(|t| t.volume).sum();
+                let modulus = tets.iter().map(|t| t.lame_parameters[0]);
+                let density = self.masses.iter().sum::<f64>() / volume;
+                (modulus.fold(f64::INFINITY, f64::min) / density).sqrt()
+            }
+            true => {
+                let of = |s: &Spring| {
+                    let [a, b] = s.nodes.map(|v| self.masses[v as usize]);
+                    s.length * (s.stiffness / (0.5 * (a + b))).sqrt()
+                };
+                self.springs.iter().map(of).fold(f64::INFINITY, f64::min)
+            }
+        };
+        let time = low.distance(high) / speed;
+        (time.is_finite() && time > 0.0).then_some(time)
+    }
+
     /// The model of `mesh` made of `material`.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ use crate::mesh::TetMesh;
 use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
 use crate::press::curve::{self, PressSample};
 use crate::press::site::PressSite;
-use crate::press::{INITIAL_CLEARANCE, STEP};
+use crate::press::{INITIAL_CLEARANCE, curve_warnings, make_quasi_static};
 use crate::scene::{Motion, Scene};
 use crate::{Error, Result};
 use glam::{DQuat, DVec3};
@@ -45,6 +45,7 @@ impl Bench<'_> {
             friction: 0.0,
             gap: None,
         })?;
+        make_quasi_static(&mut motion);
         let rest = motion.simulator.state()?;
         Ok(Finger { motion, id, rest })
     }
@@ -67,7 +68,7 @@ impl Finger {
         let at = |depth: f64| {
             ToolPose::new(spot.point + (touch - depth) * spot.outward, DQuat::IDENTITY)
         };
-        let (id, dt) = (self.id, self.motion.dt.max(STEP));
+        let (id, dt) = (self.id, self.motion.dt);
         let body = self.motion.simulator.as_mut();
         body.set_state(&self.rest)?;
         let begin = -INITIAL_CLEARANCE * settings.radius;
@@ -92,7 +93,12 @@ impl Finger {
             });
         }
         let radius = settings.unit * settings.radius;
-        let report = curve::report(&samples, [radius, settings.poisson], String::new(), 0.0);
-        Ok(PointResult::Stiffness(report.stiffness_n_per_m))
+        let warnings = curve_warnings(&samples);
+        let numbers = [radius, settings.poisson];
+        let report = curve::report(&samples, numbers, (String::new(), 0.0), warnings);
+        Ok(match report.stiffness_n_per_m {
+            Some(stiffness) => PointResult::Stiffness(stiffness),
+            None => PointResult::Failed,
+        })
     }
 }

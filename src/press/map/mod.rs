@@ -5,9 +5,11 @@ mod grid;
 mod picture;
 
 use super::site::{Boundary, PressSite};
-use super::{DEPTH, on_table, only_tets, prepare_scene, table};
+use super::table::Table;
+use super::{DEPTH, only_tets, prepare_scene, validity};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
+use crate::number_format::significant;
 use crate::scene::{Scene, scene_hash};
 use crate::{Error, Result, no_progress};
 use finger::{Bench, PressSettings};
@@ -47,7 +49,8 @@ pub struct MapPoint {
 pub enum PointResult {
     /// Slope of force over depth in the deeper half of the loading path, N/m.
     Stiffness(f64),
-    /// A simulation step failed.
+    /// A simulation step failed, or the force is not that of an elastic body in contact with the
+    /// fingertip ([`curve_warnings`](super::curve_warnings)).
     Failed,
 }
 
@@ -100,24 +103,23 @@ pub struct PressMap {
     notes: Vec<String>,
 }
 
-impl PressMap {
-    /// Places the body of `scene` on a table, as [`Press::new`](super::Press::new), and selects the
-    /// points to press.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, invalid numbers, or a body
-    /// without a suitable point; otherwise as loading the mesh.
-    pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
-        only_tets(scene)?;
-        wanted.check()?;
-        let mesh = scene.load_mesh(&no_progress)?;
-        let (mut scene, down) = prepare_scene(scene);
-        scene.pin.push(table(down));
-        let mut up = DVec3::ZERO;
-        let axis = down.abs().max_position();
-        up[axis] = -down[axis].signum();
-        let grid = MapGrid::new(&mesh, up, wanted.points);
-        let boundary = Boundary::new(&mesh);
+/// Sites of a map, with the fingertip and the depth.
+struct Sites {
+    /// Grid cells and sites.
+    fit: Vec<(usize, PressSite)>,
+    radius: f64,
+    depth: f64,
+    notes: Vec<String>,
+}
+
+impl Sites {
+    /// Selects the sites of `grid` that can be pressed against `up`.
+    fn new(
+        boundary: &Boundary,
+        grid: &MapGrid,
+        (up, table): (DVec3, &Table),
+        wanted: &MapOptions,
+    ) -> Result<Sites> {
         let above = |cell: usize| boundary.first_from_above(up, grid.middle(cell));
         let found: Vec<(usize, PressSite)> = (0..grid.len())
             .filter_map(|cell| Some((cell, above(cell)?)))
@@ -130,7 +132,7 @@ impl PressMap {
         };
         let depth = wanted.depth.unwrap_or(DEPTH * typical);
         let fits = |spot: &PressSite| {
-            !on_table(&mesh, down, spot.point) && spot.thickness >= MIN_THICKNESS_RATIO * depth
+            !table.holds(spot.point) && spot.thickness >= MIN_THICKNESS_RATIO * depth
         };
         let (fit, thin): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, spot)| fits(spot));
         if fit.is_empty() {
@@ -138,21 +140,69 @@ impl PressMap {
                 "body thickness at every press point must be at least {MIN_THICKNESS_RATIO} times the press depth {depth}; reduce --depth"
             )));
         }
-        let radius = wanted.radius.unwrap_or(boundary.fitting_radius(typical));
+        let radius = wanted
+            .radius
+            .unwrap_or_else(|| boundary.fitting_radius(typical, fit.iter().map(|(_, spot)| spot)));
+        let (fit, coarse): (Vec<_>, Vec<_>) = fit
+            .into_iter()
+            .partition(|(_, spot)| radius >= boundary.edge_near(spot.point, radius));
+        if fit.is_empty() {
+            return Err(Error::Input(format!(
+                "the fingertip of radius {} is smaller than the faces beneath it at every press point; use a larger --radius, or a finer mesh (--tets)",
+                significant(radius)
+            )));
+        }
         let mut notes = vec![format!(
-            "pressing {} points from above to depth {depth:.4} with a fingertip of radius {radius:.4}",
-            fit.len()
+            "pressing {} points from above to depth {} with a fingertip of radius {}",
+            fit.len(),
+            significant(depth),
+            significant(radius)
         )];
+        notes.extend(table.note());
         let left = grid.len() - fit.len();
         if left > 0 {
             notes.push(format!(
-                "{left} grid points are skipped: beside the body, slope above 60°, or thickness below {MIN_THICKNESS_RATIO} times the press depth ({} of them)",
-                thin.len()
+                "{left} grid points are skipped: beside the body, slope above 60°, or thickness below {MIN_THICKNESS_RATIO} times the press depth ({} of them), or faces larger than the fingertip ({})",
+                thin.len(),
+                coarse.len()
             ));
         }
-        let spots: Vec<(PressSite, f64)> = fit
+        Ok(Sites {
+            fit,
+            radius,
+            depth,
+            notes,
+        })
+    }
+}
+
+impl PressMap {
+    /// Places the body of `scene` on a table, as [`Press::new`](super::Press::new), and selects the
+    /// points to press.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scene of several bodies, a grid or a cage, invalid numbers, or a body
+    /// without a suitable point; otherwise as loading the mesh.
+    pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
+        only_tets(scene)?;
+        wanted.check()?;
+        let mesh = scene.load_mesh(&no_progress)?;
+        let (mut scene, down) = prepare_scene(scene);
+        if let Some(pieces) = validity::in_pieces(&mesh) {
+            return Err(Error::Input(pieces));
+        }
+        let table = Table::new(&mesh, down)?;
+        scene.pin.push(table.region());
+        let mut up = DVec3::ZERO;
+        let axis = down.abs().max_position();
+        up[axis] = -down[axis].signum();
+        let grid = MapGrid::new(&mesh, up, wanted.points);
+        let boundary = Boundary::new(&mesh);
+        let sites = Sites::new(&boundary, &grid, (up, &table), wanted)?;
+        let spots: Vec<(PressSite, f64)> = sites
+            .fit
             .iter()
-            .map(|(_, spot)| (*spot, boundary.first_touch(spot, radius)))
+            .map(|(_, spot)| (*spot, boundary.first_touch(spot, sites.radius)))
             .collect();
         let of_mesh = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
         Ok(PressMap {
@@ -165,15 +215,15 @@ impl PressMap {
                     pressed: None,
                 })
                 .collect(),
-            cells: fit.iter().map(|(cell, _)| *cell).collect(),
+            cells: sites.fit.iter().map(|(cell, _)| *cell).collect(),
             scene,
             mesh,
             up,
-            radius,
-            depth,
+            radius: sites.radius,
+            depth: sites.depth,
             grid,
             spots,
-            notes,
+            notes: sites.notes,
         })
     }
 

@@ -7,6 +7,7 @@ use palpate::Result;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
 use palpate::physics::SolverKind;
+use palpate::press::in_pieces;
 use palpate::scene::{Axis, Motion, Region, Scene, SphereEntry, Stage, ToolEntry};
 use std::sync::Arc;
 use web_time::Instant;
@@ -106,10 +107,11 @@ impl BodySession {
             false => mesh,
         };
         let radius = radius.unwrap_or_else(|| fitting_radius(&mesh));
+        let pieces = finger.is_ok().then(|| in_pieces(&mesh)).flatten();
         BodySession {
             bounds: stage.mesh().bounds(),
             unit: unit.or(mesh.length_unit).unwrap_or(1.0),
-            notes: stage.notes().to_vec(),
+            notes: stage.notes().iter().cloned().chain(pieces).collect(),
             playing: stage.motion().is_some(),
             stage,
             mesh,
@@ -125,6 +127,7 @@ impl BodySession {
             samples: Vec::new(),
             speed: 1.0,
             owed: 0.0,
+            site_warning: None,
             timed,
             stirred: false,
             under_way: false,

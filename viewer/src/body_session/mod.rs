@@ -58,6 +58,8 @@ pub struct BodySession {
     /// Simulated seconds per second.
     pub speed: f64,
     owed: f64,
+    /// Why forces at the present press site have no meaning.
+    site_warning: Option<String>,
     /// Whether the scene has time-dependent loads.
     timed: bool,
     /// Whether an interaction since the last step requires a new step.

@@ -4,6 +4,7 @@ use super::{BodySession, still};
 use glam::DVec3;
 use palpate::mesh::{TetMesh, Topology};
 use palpate::physics::GrabMode;
+use palpate::press::contact_problem;
 use palpate::render::Pick;
 use palpate::{Error, Result};
 use web_time::Instant;
@@ -110,6 +111,18 @@ impl BodySession {
         last.map(|sample| sample.force_n)
     }
 
+    /// Returns why the force of the press has no meaning at present; `None` without a press.
+    pub fn press_warning(&self) -> Option<String> {
+        self.press.as_ref()?;
+        let samples: Vec<[f64; 2]> = self
+            .samples
+            .iter()
+            .map(|s| [s.depth_m, s.force_n])
+            .collect();
+        let problem = contact_problem(&samples).map(|problem| problem.to_string());
+        problem.or_else(|| self.site_warning.clone())
+    }
+
     /// Retracts the finger.
     pub fn retract(&mut self) {
         if let Some(press) = &mut self.press {
@@ -119,14 +132,14 @@ impl BodySession {
     }
 
     /// Returns the outward normal around a pick, averaged over the boundary faces within the
-    /// finger's radius.
-    fn outward(&self, pick: &Pick, sight: DVec3) -> Result<DVec3> {
+    /// finger's radius; notes whether they are larger than the finger.
+    fn outward(&mut self, pick: &Pick, sight: DVec3) -> Result<DVec3> {
         let x = self.stage.drawn_positions()?;
         let (mesh, topology) = match self.stage.motion() {
             Some(motion) => (self.stage.mesh(), motion.simulator.topology()),
             None => return Ok(-sight),
         };
-        let mut out = DVec3::ZERO;
+        let (mut out, mut edges, mut count) = (DVec3::ZERO, 0.0, 0);
         for face in &topology.boundary {
             let [a, b, c] = topology.boundary_nodes(mesh, *face).map(|v| x[v as usize]);
             let middle = (a + b + c) / 3.0;
@@ -134,8 +147,14 @@ impl BodySession {
             // Skip back faces: in thin parts both sides are within the radius.
             if middle.distance(pick.point) <= self.radius && normal.dot(sight) < 0.0 {
                 out += normal;
+                edges += (a.distance(b) + b.distance(c) + c.distance(a)) / 3.0;
+                count += 1;
             }
         }
+        let coarse = count == 0 || self.radius < edges / f64::from(count);
+        self.site_warning = coarse.then(|| {
+            "force not valid: the finger is smaller than the faces beneath it; use a larger finger or a finer mesh".into()
+        });
         Ok(out.normalize_or(-sight))
     }
 

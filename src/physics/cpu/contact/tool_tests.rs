@@ -399,6 +399,7 @@ fn fast_sphere_has_no_tunnelling() {
     pressed.pin(&mesh, 1e-3);
     let mut at = DVec3::new(0.3, 0.5, 0.8);
     pressed.add(shape.clone(), at, 0.3);
+    pressed.body.set_inversion_allowed(true);
     let down = DVec3::new(0.0, 0.0, -0.15);
     let aside = DVec3::new(0.15, 0.0, 0.0);
     for way in [down, down, aside, aside, aside, -down] {

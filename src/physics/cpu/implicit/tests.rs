@@ -142,6 +142,7 @@ fn inverted_states_recover() {
                 .collect();
             body.set_state(&wreck, &vec![DVec3::ZERO; wreck.len()])
                 .unwrap();
+            body.set_inversion_allowed(true);
             let mut good = None;
             for n in 0..300 {
                 body.run(1, 0.01).unwrap();

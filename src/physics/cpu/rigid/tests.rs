@@ -180,6 +180,8 @@ fn rigid_regions_keep_shape_and_eliminate_interior_nodes() {
     assert_eq!(body.active(), network.rest_positions.len() - inside + 4);
     let some: Vec<usize> = rigid.nodes.iter().step_by(7).map(|v| *v as usize).collect();
     let (mut worst, mut moved) = (0.0f64, 0.0f64);
+    // A few tets at the edge of the rigid region invert while it swings.
+    body.set_inversion_allowed(true);
     for _ in 0..200 {
         body.run(1, 0.01).unwrap();
         let x = body.positions();
