@@ -5,6 +5,8 @@ const ROUND: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
 /// Numbers outside of this range are written in scientific notation.
 const LARGE: f64 = 1e6;
 const SMALL: f64 = 1e-4;
+/// Largest number of digits after the first in scientific notation of large numbers.
+const MAX_EXPONENT_DIGITS: f64 = 6.0;
 
 /// Returns the largest of 1, 2 and 5 times a power of ten that is at most `most`, which must be
 /// positive.
@@ -27,7 +29,11 @@ fn round_above(least: f64) -> f64 {
 pub(super) fn ticks(low: f64, high: f64, most: usize) -> (Vec<f64>, f64) {
     let span = high - low;
     if !(span.is_finite() && span > 0.0) {
-        return (vec![low], low.abs());
+        // A constant is written with up to six digits.
+        let rounded = |step: &f64| ((low / step).round() * step - low).abs() <= 1e-6 * low.abs();
+        let power = low.abs().max(f64::MIN_POSITIVE).log10().floor();
+        let mut steps = (0..6).map(|digit| 10f64.powf(power - f64::from(digit)));
+        return (vec![low], steps.find(rounded).unwrap_or(1e-5 * low.abs()));
     }
     let step = round_above(span / most.max(1) as f64);
     let first = (low / step - 1e-9).ceil();
@@ -49,14 +55,18 @@ pub(super) fn label(value: f64, step: f64) -> String {
     if value == 0.0 && !(SMALL..LARGE).contains(&size) {
         return "0".into();
     }
+    let power = |x: f64| (x.abs().log10() + 1e-9).floor();
     let text = match (SMALL..LARGE).contains(&size) || size == 0.0 {
         true => {
             let decimals = (-step.abs().max(1e-12).log10() - 1e-9).ceil().max(0.0) as usize;
             format!("{value:.decimals$}")
         }
+        // With more digits, an exponent does not make them easier to compare.
+        false if size >= LARGE && power(size) - power(step) > MAX_EXPONENT_DIGITS => {
+            format!("{value:.*}", (-power(step)).clamp(0.0, 12.0) as usize)
+        }
         false => {
-            let power = |x: f64| (x.abs().log10() + 1e-9).floor();
-            let digits = (power(value) - power(step)).clamp(0.0, 6.0);
+            let digits = (power(value) - power(step)).clamp(0.0, MAX_EXPONENT_DIGITS);
             let text = format!("{value:.0$e}", digits as usize);
             match text.split_once('e') {
                 Some((number, power)) if number.contains('.') => {
@@ -88,6 +98,24 @@ pub(super) fn time(seconds: f64, resolution: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn labels_distinguish_ticks() {
+        for (low, high) in [
+            (1e6, 1e6 + 1e-3),
+            (-2e9, -2e9 + 10.0),
+            (0.35, 0.35),
+            (3e-7, 4e-7),
+        ] {
+            let (values, step) = ticks(low, high, 5);
+            let labels: Vec<String> = values.iter().map(|v| label(*v, step)).collect();
+            for (text, value) in labels.iter().zip(&values) {
+                let read: f64 = text.replace('−', "-").parse().unwrap();
+                assert!((read - value).abs() <= 0.01 * step, "{labels:?}");
+            }
+            assert!(labels.windows(2).all(|two| two[0] != two[1]), "{labels:?}");
+        }
+    }
 
     #[test]
     fn lengths_are_round() {

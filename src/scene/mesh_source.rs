@@ -15,6 +15,10 @@ use std::path::Path;
 
 /// Prefixes of reference numbers set by readers: labels, not quantities.
 const LABEL_FIELDS: [&str; 3] = ["gmsh:", "medit:", "tetgen:"];
+/// Transfer function of pictures without another one.
+pub(super) const DEFAULT_PRESET: &str = "tissue";
+/// A body whose mean chord is below this fraction of its extent is thin.
+const THICK_CHORD_RATIO: f64 = 0.1;
 /// Largest number of tetrahedra of a generator.
 const MOST_TETS: usize = 20_000_000;
 
@@ -277,6 +281,31 @@ impl Scene {
         !self.scan.is_empty() || self.skin.iter().any(|skin| is_known(&skin.file))
     }
 
+    /// Returns the default transfer function of a body that is thin relative to its extent, with an
+    /// extinction at which it is as opaque as a thick one; `None` for others and with a given one.
+    fn transfer_of_thin_body(
+        &self,
+        mesh: &TetMesh,
+        topology: &Topology,
+    ) -> Result<Option<TransferFunction>> {
+        let (low, high) = mesh.bounds();
+        let thick = THICK_CHORD_RATIO * (high - low).max_element();
+        let faces = topology.boundary.iter();
+        let areas = faces.map(|face| {
+            let [a, b, c] = topology
+                .boundary_nodes(mesh, *face)
+                .map(|v| mesh.nodes[v as usize]);
+            0.5 * (b - a).cross(c - a).length()
+        });
+        // The mean chord of a body of volume V and surface S is 4V/S (Cauchy).
+        let chord = 4.0 * mesh.volume() / areas.sum::<f64>().max(f64::MIN_POSITIVE);
+        if self.picture.transfer.is_some() || chord >= thick || chord <= 0.0 {
+            return Ok(None);
+        }
+        let transfer = TransferFunction::preset(DEFAULT_PRESET)?;
+        Ok(Some(transfer.scale_extinction(thick / chord)))
+    }
+
     /// Selects the displayed scalar field: the field set in the scene; otherwise, without a
     /// transfer function, the regions ([`TetMesh::region_field`]) if there are several; otherwise
     /// the first node field that varies, the labels of the regions, or the depth below the surface.
@@ -333,7 +362,7 @@ impl Scene {
             (a.min(*v), b.max(*v))
         });
         let range = self.picture.range.filter(|_| !xray);
-        let range = range.map_or(found, |[low, high]| (low, high));
+        let range = range.map_or_else(|| widened(found), |[low, high]| (low, high));
         let regions = match mesh.is_region_field(&field) {
             true => names_of_regions(mesh, &field).collect(),
             false => Vec::new(),
@@ -344,7 +373,7 @@ impl Scene {
             cells,
             range,
             note,
-            transfer: None,
+            transfer: self.transfer_of_thin_body(mesh, topology)?,
             regions,
         })
     }
@@ -402,4 +431,17 @@ pub(super) fn magnitudes(field: &Field) -> Vec<f64> {
             .map(|tuple| tuple.iter().map(|x| x * x).sum::<f64>().sqrt())
             .collect(),
     }
+}
+
+/// Widens the range of a constant field by a tenth on both sides, so that its colour is that of the
+/// middle of the legend.
+fn widened((low, high): (f64, f64)) -> (f64, f64) {
+    let margin = match low == high {
+        true => match low == 0.0 {
+            true => 1.0,
+            false => 0.1 * low.abs(),
+        },
+        false => 0.0,
+    };
+    (low - margin, high + margin)
 }

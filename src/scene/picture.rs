@@ -1,6 +1,7 @@
 //! Builds the camera, the sections and the renderers of a scene's picture.
 
 use super::keywords::{BACKGROUNDS, MODES, TRAVERSALS, unknown_keyword_error};
+use super::mesh_source::DEFAULT_PRESET;
 use super::{ScalarField, Scene};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, Topology};
@@ -44,7 +45,8 @@ impl Scene {
         let mode = self.display_mode()?;
         let (positions, frame) = (nodes.array(), nodes.frame());
         let mut geometry = Geometry::new(gpu, mesh, topology, frame, positions, seen.scalars())?;
-        if self.picture.range.is_some()
+        let constant = seen.values.windows(2).all(|v| v[0] == v[1]);
+        if (self.picture.range.is_some() || constant)
             && scans.is_empty()
             && mode != DisplayMode::Inside(Mode::Xray)
         {
@@ -158,7 +160,7 @@ impl Scene {
         match (&self.picture.transfer, &seen.transfer) {
             (Some(named), _) => self.named_transfer(named),
             (None, Some(own)) => Ok(own.clone()),
-            (None, None) => TransferFunction::preset("tissue"),
+            (None, None) => TransferFunction::preset(DEFAULT_PRESET),
         }
     }
 

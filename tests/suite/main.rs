@@ -5,6 +5,7 @@
 mod annotate;
 mod architecture;
 mod cage;
+mod cases;
 mod cli;
 mod generate;
 mod gpu;

@@ -1,0 +1,94 @@
+//! Small files of other people whose simulations and pictures once went wrong without a message.
+
+use crate::support::{gpu, real_data};
+use palpate::render::Image;
+use palpate::scene::{PlannedRun, Scene, Stage};
+
+/// Returns the stage of the case file `name` with the scene entries `more`, if real data is found.
+fn case(name: &str, (unit, more): (&str, &str)) -> Option<Stage> {
+    let file = real_data(&format!("cases/{name}"))?;
+    let text = format!("[mesh]\nfile = '{}'\n{unit}\n{more}", file.display());
+    let mut scene = Scene::parse(&text).unwrap();
+    // As on the command line, which chooses the load from the number of steps.
+    scene.solver.run = Some(PlannedRun {
+        steps: 2000,
+        draws_frames: false,
+    });
+    Some(Stage::new(&gpu(), &scene).unwrap_or_else(|e| panic!("{name}: {e}")))
+}
+
+/// Runs `steps` steps and returns the largest displacement over the extent.
+fn displacement(stage: &mut Stage, steps: u32) -> f64 {
+    stage.run(steps, &mut |_| {}).unwrap();
+    let report = stage.motion().unwrap().report().unwrap();
+    report.max_displacement / report.extent
+}
+
+#[test]
+fn loaded_bodies_do_not_sleep() {
+    // 2,000 steps reach a displacement of 0.12 of the size; far fewer show that it moves on.
+    let load = "[solver]\nname = \"symplectic\"";
+    if let Some(mut stage) = case("01_sleep_bar_2000_units.vtu", ("", &load)) {
+        let early = displacement(&mut stage, 100);
+        let late = displacement(&mut stage, 100);
+        assert!(late > 1.5 * early && early > 0.0, "{early:e} {late:e}");
+        assert!(!stage.motion().unwrap().asleep());
+    }
+    let implicit = "[solver]\nname = \"implicit\"\ndt = 0.01\nengine = \"cpu\"";
+    if let Some(mut stage) = case("02_sleep_skin_0.1mm.vtu", ("unit = \"mm\"", implicit)) {
+        let moved = displacement(&mut stage, 40);
+        assert!(moved > 1e-3, "{moved:e}");
+    }
+}
+
+#[test]
+fn stiff_bar_under_its_weight_has_displacement_and_stress() {
+    let run = |young: f64| {
+        let more = format!(
+            "[material]\nmodel = \"neo-hookean\"\nyoung = {young:e}\n[solver]\nname = \"implicit\"\nengine = \"cpu\"\ndt = 0.05\ngravity = [0, 0, -9.81]\n[picture]\nfield = \"von_mises\"\nsize = [48, 32]"
+        );
+        let mut stage = case("04_bar_2m.vtu", ("", &more))?;
+        let moved = displacement(&mut stage, 60);
+        stage.image().unwrap();
+        Some((young * moved, stage.field_note().unwrap()))
+    };
+    let (Some((soft, _)), Some((steel, note))) = (run(1e6), run(2.1e11)) else {
+        return;
+    };
+    assert!(
+        (steel / run(1e9).unwrap().0 - 1.0).abs() < 0.01,
+        "{soft} {steel}"
+    );
+    let most: f64 = note
+        .split(" to ")
+        .nth(1)
+        .and_then(|rest| rest.split(' ').next())
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!((5e4..9e4).contains(&most), "{note}");
+}
+
+fn brightest(image: &Image) -> f32 {
+    let lit = image.values.chunks(image.channels);
+    lit.map(|p| p[..3].iter().sum::<f32>() / 3.0)
+        .fold(0.0, f32::max)
+}
+
+#[test]
+fn thin_and_constant_bodies_are_visible() {
+    let small = "[picture]\nsize = [80, 60]";
+    if let Some(mut stage) = case("03_black_skin_3mm.vtu", ("", small)) {
+        let image = stage.image().unwrap();
+        assert!(brightest(&image) > 0.3, "{}", brightest(&image));
+    }
+    let constant = "[picture]\nsize = [80, 60]\nfield = \"c\"";
+    if let Some(mut stage) = case("12_constant_field.vtu", ("", constant)) {
+        assert!(brightest(&stage.image().unwrap()) > 0.3);
+        let (low, high) = stage.scalar_field().range;
+        assert!(
+            (0.5 * (low + high) - 0.35).abs() < 1e-6 && high > low,
+            "{low} {high}"
+        );
+    }
+}
