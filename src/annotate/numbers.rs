@@ -97,6 +97,7 @@ pub(super) fn time(seconds: f64, resolution: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -6,6 +6,7 @@ use clap::Args;
 use palpate::mesh::{AnatomicalFrame, Length, SurfaceDescription};
 use palpate::mesher::{MeshReport, ThresholdRange, two_digits};
 use palpate::meshing::{Labels, MeshingConfig, RecipeReport, RegionSummary, TargetSize};
+use palpate::number_format::significant;
 use palpate::scene::{Unit, write_pieces};
 use palpate::{Error, io};
 use std::path::{Path, PathBuf};
@@ -210,7 +211,7 @@ fn surface(arguments: &MeshArguments, recipe: &MeshingConfig) -> anyhow::Result<
     let description = SurfaceDescription::new(&surface);
     print_notes(&surface.notes);
     print_notes(&[format!(
-        "{} vertices, {} triangles, {}, area {:.1}, volume {:.1}",
+        "{} vertices, {} triangles, {}, area {}, volume {}",
         description.vertices,
         description.triangles,
         if description.closed {
@@ -218,8 +219,8 @@ fn surface(arguments: &MeshArguments, recipe: &MeshingConfig) -> anyhow::Result<
         } else {
             "not closed"
         },
-        description.area,
-        description.volume
+        significant(description.area),
+        significant(description.volume)
     )]);
     if let Some(path) = &arguments.report {
         write_report(path, &description)?;
@@ -270,8 +271,8 @@ fn loss_notes(regions: &[RegionSummary], mesher: &MeshReport) -> Vec<String> {
         let finer = 0.5 * mesher.edge;
         let finer = mesher.resolving_edge.map_or(finer, |e| finer.min(e));
         format!(
-            "{regions}: parts are thinner than the edge length {:.3}; --edge {} keeps more of them",
-            mesher.edge,
+            "{regions}: parts are thinner than the edge length {}; --edge {} keeps more of them",
+            significant(mesher.edge),
             two_digits(finer)
         )
     });
@@ -293,10 +294,10 @@ fn summary(report: &RecipeReport) -> Vec<String> {
                 )
             });
             format!(
-                "region {}{name}: {} tets, volume {:.1}{}",
+                "region {}{name}: {} tets, volume {}{}",
                 region.label,
                 region.tets,
-                region.volume,
+                significant(region.volume),
                 off.unwrap_or_default()
             )
         })
@@ -309,14 +310,15 @@ fn summary(report: &RecipeReport) -> Vec<String> {
     if islands > 0 {
         let volume: f64 = mesher.islands.iter().map(|i| i.volume).sum();
         lines.push(format!(
-            "{islands} islands (total volume {volume:.1}) were merged into the surrounding regions"
+            "{islands} islands (total volume {}) were merged into the surrounding regions",
+            significant(volume)
         ));
     }
     lines.push(format!(
-        "{} tets, {} nodes, edge length {:.3} at boundaries; dihedral angles {:.1}° to {:.1}°, 1 in 100 tets below {:.1}°",
+        "{} tets, {} nodes, edge length {} at boundaries; dihedral angles {:.1}° to {:.1}°, 1 in 100 tets below {:.1}°",
         mesher.tets,
         mesher.nodes,
-        mesher.edge,
+        significant(mesher.edge),
         mesher.min_dihedral,
         mesher.max_dihedral,
         mesher.first_percentile

@@ -6,6 +6,7 @@ use crate::mesh::{AnatomicalFrame, TriMesh};
 use crate::mesher::{
     ClosedSurface, Domain, LabelDomain, MeshReport, SurfaceDomain, ThresholdDomain, two_digits,
 };
+use crate::number_format::significant;
 use crate::volume::Volume;
 use crate::{Error, Result};
 use std::path::Path;
@@ -61,8 +62,9 @@ impl Regions {
             None => "decrease the edge length or increase the number of tets".to_owned(),
         };
         format!(
-            "region {}{name}{voxels} has no tets at an edge length of {:.3}: it is thinner; {advice}",
-            self.labels[region], report.edge
+            "region {}{name}{voxels} has no tets at an edge length of {}: it is thinner; {advice}",
+            self.labels[region],
+            significant(report.edge)
         )
     }
 }

@@ -3,6 +3,7 @@
 use super::stage::{NodeSource, Stage};
 use super::{Motion, ScalarField, Scene};
 use crate::mesh::{Field, Location, ScalarType};
+use crate::number_format::significant;
 use crate::physics::BodyField;
 use crate::render::TransferFunction;
 use crate::{Error, Result};
@@ -178,16 +179,9 @@ impl Stage {
     }
 }
 
-/// Formats a number with four significant digits; 0 if it is at most `rounding`.
+/// Formats a number with six significant digits; 0 if it is at most `rounding`.
 fn figures(x: f64, rounding: f64) -> String {
-    match x.abs() {
-        size if size <= rounding => "0".into(),
-        size if (1e-3..1e6).contains(&size) => {
-            let digits = (3.0 - size.log10().floor()).max(0.0) as usize;
-            format!("{x:.digits$}")
-        }
-        _ => format!("{x:.3e}"),
-    }
+    significant(if x.abs() <= rounding { 0.0 } else { x })
 }
 
 /// Returns the smallest and largest value.
@@ -204,15 +198,12 @@ mod tests {
     use super::figures;
 
     #[test]
-    fn figures_format_four_significant_digits() {
+    fn values_below_rounding_error_are_zero() {
         let cases = [
             (0.0, "0"),
             (-3e-9, "0"),
-            (0.012_346, "0.01235"),
-            (-1234.56, "-1235"),
-            (98_765.4, "98765"),
-            (3.25e7, "3.250e7"),
-            (2e-5, "2.000e-5"),
+            (0.012_346_78, "0.0123468"),
+            (-1234.56, "-1234.56"),
         ];
         for (x, expected) in cases {
             assert_eq!(figures(x, 1e-8), expected);

@@ -4,6 +4,7 @@ use super::Scene;
 use super::simulator::IMPLICIT_STEP;
 use crate::cage::Compliance;
 use crate::mesh::bounds;
+use crate::number_format::significant;
 use crate::physics::{ClampedEnd, DiscreteModel, Simulator, SolverKind};
 use glam::DVec3;
 
@@ -273,8 +274,8 @@ impl Scene {
         }
         if pull.dt != dt {
             notes.push(format!(
-                "time step {:.3} s, chosen to cover half an oscillation; override with --dt",
-                pull.dt
+                "time step {} s, chosen to cover half an oscillation; override with --dt",
+                significant(pull.dt)
             ));
         }
         pull

@@ -5,6 +5,7 @@ use crate::io::{self, Kind};
 use crate::mesh::TetMesh;
 use crate::mesher::Domain;
 use crate::meshing::MeshingConfig;
+use crate::number_format::significant;
 use crate::physics::grid::GridShape;
 use crate::volume::Volume;
 use crate::{Error, Result};
@@ -56,7 +57,7 @@ impl Scene {
             }
             let mut notes = found.notes;
             let thin = shape.undefined_normal_particles().len();
-            let [x, y, z] = shape.spacing.to_array().map(|s| format!("{s:.4}"));
+            let [x, y, z] = shape.spacing.to_array().map(significant);
             notes.push(format!(
                 "{} particles, spacing {x} × {y} × {z}; {thin} of them have no normal, where the body is one particle thick",
                 shape.count()

@@ -6,6 +6,7 @@ use super::{FloorEntry, Scene};
 use crate::cage::{CageKind, CageReport};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
+use crate::number_format::significant;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
     CgSettings, DiscreteModel, Engine, EngineChoice, Floor, Material, SelfContactSettings,
@@ -60,7 +61,8 @@ impl SimulatorSetup {
         let length = (high - low).max_element();
         if unit.is_none() && length > SUSPICIOUS_LENGTH {
             notes.push(format!(
-                "length unit of the mesh: m (assumed), so the body is {length:.3} m long; override with --unit mm (or cm)"
+                "length unit of the mesh: m (assumed), so the body is {} m long; override with --unit mm (or cm)",
+                significant(length)
             ));
         }
         let grid_cage = scene.cage.as_ref().and_then(|c| c.kind) == Some(CageKind::Grid);

@@ -4,6 +4,7 @@ use super::trajectory::RigidTrajectory;
 use super::{Scene, ToolEntry};
 use crate::mesh::{TetMesh, TriMesh};
 use crate::meshing::MeshingConfig;
+use crate::number_format::significant;
 use crate::physics::{DistanceField, Shape, Simulator, Tool, ToolId, ToolPose};
 use crate::skin::{Skin, SkinColouring};
 use crate::{Error, Result};
@@ -76,8 +77,9 @@ impl ToolEntry {
         let overlap = tool.initial_penetration(body.mesh(), body.topology());
         let note = (overlap.nodes > 0).then(|| {
             format!(
-                "{} boundary nodes lie initially up to {:.3} inside the [[tool]] {name}; they are pushed out",
-                overlap.nodes, overlap.depth
+                "{} boundary nodes lie initially up to {} inside the [[tool]] {name}; they are pushed out",
+                overlap.nodes,
+                significant(overlap.depth)
             )
         });
         let id = body.add_tool(tool)?;

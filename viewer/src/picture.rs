@@ -113,7 +113,7 @@ impl App {
             painter.text(
                 a.lerp(b, 0.5) + egui::vec2(8.0, -8.0),
                 egui::Align2::LEFT_BOTTOM,
-                format!("{:.2} mm", 1e3 * show.unit * from.distance(to)),
+                format!("{} mm", rounded(1e3 * show.unit * from.distance(to), 6)),
                 egui::FontId::proportional(15.0),
                 strong,
             );

@@ -4,6 +4,7 @@ use crate::app::App;
 use crate::body_session::BodySession;
 use glam::DVec3;
 use palpate::mesh::Location;
+use palpate::number_format::significant;
 use palpate::physics::BodyField;
 use palpate::render::Pick;
 
@@ -41,12 +42,14 @@ impl App {
         let p = pick.point;
         let mm = 1e3 * show.unit * (pick.point - rest).length();
         self.set_status(format!(
-            "{}{} {value:.4}, displacement {mm:.2} mm{stress}, at {:.4}, {:.4}, {:.4}, tet {}",
+            "{}{} {}, displacement {} mm{stress}, at {}, {}, {}, tet {}",
             label.map_or(String::new(), |l| format!("{l}: ")),
             field.name,
-            p.x,
-            p.y,
-            p.z,
+            significant(value),
+            significant(mm),
+            significant(p.x),
+            significant(p.y),
+            significant(p.z),
             pick.tet
         ));
     }
@@ -77,5 +80,5 @@ fn pascals(stress: f64) -> String {
         s if s >= 1e3 => (1e3, "kPa"),
         _ => (1.0, "Pa"),
     };
-    format!("{:.3} {name}", stress / unit)
+    format!("{} {name}", significant(stress / unit))
 }
