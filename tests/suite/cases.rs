@@ -28,7 +28,7 @@ fn displacement(stage: &mut Stage, steps: u32) -> f64 {
 fn loaded_bodies_do_not_sleep() {
     // 2,000 steps reach a displacement of 0.12 of the size; far fewer show that it moves on.
     let load = "[solver]\nname = \"symplectic\"";
-    if let Some(mut stage) = case("01_sleep_bar_2000_units.vtu", ("", &load)) {
+    if let Some(mut stage) = case("01_sleep_bar_2000_units.vtu", ("", load)) {
         let early = displacement(&mut stage, 100);
         let late = displacement(&mut stage, 100);
         assert!(late > 1.5 * early && early > 0.0, "{early:e} {late:e}");
