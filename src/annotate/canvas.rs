@@ -218,6 +218,21 @@ impl Canvas {
     }
 }
 
+/// Returns the letters of `text` that the font of annotations does not have: they are drawn as
+/// boxes.
+pub fn missing_letters(text: &str) -> String {
+    let Ok(font) = FontRef::try_from_slice(notosans::REGULAR_TTF) else {
+        return String::new();
+    };
+    let mut missing = String::new();
+    for letter in text.chars().filter(|c| !c.is_control()) {
+        if font.glyph_id(letter).0 == 0 && !missing.contains(letter) {
+            missing.push(letter);
+        }
+    }
+    missing
+}
+
 fn paint(colour: Colour, opacity: f32) -> Paint<'static> {
     let [r, g, b] = colour.map(|c| c.clamp(0.0, 1.0));
     let colour = Color::from_rgba(r, g, b, opacity.clamp(0.0, 1.0)).unwrap_or(Color::BLACK);

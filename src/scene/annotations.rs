@@ -4,7 +4,9 @@ use super::picture::DisplayMode;
 use super::stage::Stage;
 use super::{ScalarField, Scene, Unit};
 use crate::Result;
-use crate::annotate::{Annotations, BarColours, ColourBar, FrameTime, Legend, ScaleBar, Swatch};
+use crate::annotate::{
+    Annotations, BarColours, ColourBar, FrameTime, Legend, ScaleBar, Swatch, missing_letters,
+};
 use crate::mesh::{DEPTH, TetMesh, Topology};
 use crate::physics::BodyField;
 #[cfg(not(target_arch = "wasm32"))]
@@ -70,6 +72,15 @@ impl AnnotationContext {
             || picture.title.is_some();
         if annotated && mode == DisplayMode::Inside(Mode::Thickness) {
             notes.push(EXR_HAS_NONE.into());
+        }
+        let names = seen.regions.iter().map(|(name, _)| name.as_str());
+        let legend = names.chain([seen.name.as_str()]).filter(|_| asked && shows);
+        let drawn: String = picture.title.as_deref().into_iter().chain(legend).collect();
+        let missing = missing_letters(&drawn);
+        if !missing.is_empty() {
+            notes.push(format!(
+                "the font of annotations lacks the letters {missing}, which are drawn as boxes; use Latin, Greek or Cyrillic names and titles"
+            ));
         }
         let unit = scene.mesh.unit.as_ref().map(Unit::metres).transpose()?;
         let transfer = scene.transfer(seen)?;

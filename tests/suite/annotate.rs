@@ -269,3 +269,11 @@ fn orbit_keeps_body_in_view() {
     }
     assert!(filled > 0.7, "it fills {filled} of the picture at most");
 }
+
+#[test]
+fn letters_without_glyph_are_noted() {
+    let with = stage([64, 48], "title = \"肝 Ωж\"").notes().join("; ");
+    assert!(with.contains("lacks the letters 肝,"), "{with}");
+    let without = stage([64, 48], "title = \"liver Ωж\"").notes().join("; ");
+    assert!(!without.contains("lacks the letters"), "{without}");
+}
