@@ -10,7 +10,7 @@
 //! | pictures, picking | `drawing.rs`; with annotations: `scene/annotations.rs` |
 //! | steps | `steps.rs` |
 //! | cuts | `cut.rs` |
-//! | tools led by hand | `tools.rs` |
+//! | tools moved interactively | `tools.rs` |
 //! | deformed meshes, frames of a series | `output.rs` |
 //! | playback of a recorded series | `playback.rs` |
 //! | measurements | `report.rs` |

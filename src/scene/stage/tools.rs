@@ -1,4 +1,4 @@
-//! Tools of a stage that are led by hand.
+//! Tools of a stage that are moved interactively.
 
 use super::Stage;
 use crate::physics::{ToolId, ToolPose};
@@ -12,7 +12,7 @@ impl Stage {
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for an unknown tool, or one with a path.
     pub fn set_tool_target(&mut self, number: usize, place: DVec3) -> Result<()> {
-        let (id, pose) = self.led_tool(number, place)?;
+        let (id, pose) = self.interactive_tool(number, place)?;
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
         motion.simulator.loads_mut().set_tool_target(id, pose)
     }
@@ -22,13 +22,13 @@ impl Stage {
     /// # Errors
     /// As [`Stage::set_tool_target`].
     pub fn teleport_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
-        let (id, pose) = self.led_tool(number, place)?;
+        let (id, pose) = self.interactive_tool(number, place)?;
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
         motion.simulator.loads_mut().teleport_tool(id, pose)
     }
 
     /// Returns a tool without a path, and its pose at `place`.
-    fn led_tool(&self, number: usize, place: DVec3) -> Result<(ToolId, ToolPose)> {
+    fn interactive_tool(&self, number: usize, place: DVec3) -> Result<(ToolId, ToolPose)> {
         let motion = self.motion().ok_or_else(|| no_tool(number))?;
         let tool = motion
             .time_dependent_loads
