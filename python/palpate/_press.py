@@ -29,7 +29,7 @@ class Press:
     """Result of a press; arrays have one value per step.
 
     Attributes:
-        time: simulated time, s.
+        time: time of the quasi-static steps, s, without physical meaning.
         loading: whether the fingertip was advancing.
         depth: indentation relative to first contact with the body at rest, m.
         force: contact force on the fingertip, directed out of the body, N.

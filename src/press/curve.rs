@@ -8,7 +8,7 @@ const FIT_FRACTION: f64 = 0.5;
 /// One step of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PressSample {
-    /// Time, s.
+    /// Time of the quasi-static steps, s; without physical meaning.
     pub time_s: f64,
     /// `load` or `unload`.
     pub phase: &'static str,

@@ -436,12 +436,9 @@ pub(super) fn magnitudes(field: &Field) -> Vec<f64> {
 /// Widens the range of a constant field by a tenth on both sides, so that its colour is that of the
 /// middle of the legend.
 fn widened((low, high): (f64, f64)) -> (f64, f64) {
-    let margin = match low == high {
-        true => match low == 0.0 {
-            true => 1.0,
-            false => 0.1 * low.abs(),
-        },
-        false => 0.0,
-    };
+    if low < high {
+        return (low, high);
+    }
+    let margin = if low == 0.0 { 1.0 } else { 0.1 * low.abs() };
     (low - margin, high + margin)
 }
