@@ -136,7 +136,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         stage.fit_view(&[])?;
     }
     if outcome.is_ok() {
-        super::print_notes(&stage.inversion_note()?.into_iter().collect::<Vec<_>>());
+        super::print_notes(&stage.end_notes()?);
     }
     // Rendered even if the simulation failed: its last valid state is informative.
     if let Some(out) = &arguments.out {

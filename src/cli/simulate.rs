@@ -120,7 +120,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     done?;
     film?;
     let notes = stage.field_note().into_iter();
-    super::print_notes(&notes.chain(stage.inversion_note()?).collect::<Vec<_>>());
+    super::print_notes(&notes.chain(stage.end_notes()?).collect::<Vec<_>>());
     report(arguments, &stage, gpu, frames.times.len(), stage.time())?;
     Ok(Outcome::Done)
 }

@@ -76,6 +76,27 @@ impl Topology {
     pub fn boundary_nodes(&self, mesh: &TetMesh, b: BoundaryFace) -> [u32; 3] {
         FACES[b.face as usize].map(|i| mesh.tets[b.tet as usize][i])
     }
+
+    /// Returns the mean chord length of the body of `mesh`, its mean thickness: 4 V / S with the
+    /// volume V and the boundary area S (Cauchy's formula).
+    pub fn mean_chord(&self, mesh: &TetMesh) -> f64 {
+        let areas = self.boundary.iter().map(|face| {
+            let [a, b, c] = self
+                .boundary_nodes(mesh, *face)
+                .map(|v| mesh.nodes[v as usize]);
+            0.5 * (b - a).cross(c - a).length()
+        });
+        4.0 * mesh.volume() / areas.sum::<f64>().max(f64::MIN_POSITIVE)
+    }
+
+    /// Returns the nodes of all boundary faces, in increasing order.
+    pub fn all_boundary_nodes(&self, mesh: &TetMesh) -> Vec<u32> {
+        let faces = self.boundary.iter();
+        let mut nodes: Vec<u32> = faces.flat_map(|b| self.boundary_nodes(mesh, *b)).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes
+    }
 }
 
 /// Returns the faces without a neighbour, in the order of their tets.

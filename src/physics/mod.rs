@@ -30,8 +30,8 @@ pub use bodies::{BodiesState, MultiBody};
 #[cfg(test)]
 pub(crate) use contact::pseudo_random_points;
 pub use contact::{
-    DistanceField, InitialPenetration, SelfContactSettings, Shape, SurfaceDistance, Tool, ToolId,
-    ToolPose,
+    DistanceField, Penetration, SelfContactSettings, Shape, SurfaceDistance, Tool, ToolId,
+    ToolPose, ToolProblem,
 };
 pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Precision};
 pub use engine_choice::EngineChoice;

@@ -290,15 +290,7 @@ impl Scene {
     ) -> Result<Option<TransferFunction>> {
         let (low, high) = mesh.bounds();
         let thick = THICK_CHORD_RATIO * (high - low).max_element();
-        let faces = topology.boundary.iter();
-        let areas = faces.map(|face| {
-            let [a, b, c] = topology
-                .boundary_nodes(mesh, *face)
-                .map(|v| mesh.nodes[v as usize]);
-            0.5 * (b - a).cross(c - a).length()
-        });
-        // The mean chord of a body of volume V and surface S is 4V/S (Cauchy).
-        let chord = 4.0 * mesh.volume() / areas.sum::<f64>().max(f64::MIN_POSITIVE);
+        let chord = topology.mean_chord(mesh);
         if self.picture.transfer.is_some() || chord >= thick || chord <= 0.0 {
             return Ok(None);
         }

@@ -96,6 +96,30 @@ fn tool_force_equals_pin_reaction() {
 }
 
 #[test]
+fn failed_contact_of_tool_is_noted_at_the_end() {
+    let notes = |tool: &str, steps: u32| {
+        let mut stage = stage(&format!("{BOX}{tool}"));
+        run(&mut stage, steps);
+        stage.end_notes().unwrap()
+    };
+    assert_eq!(notes(FINGER, 6), Vec::<String>::new());
+    // It starts inside, where it meets no boundary.
+    let swallowed = FINGER.replace("0.02 }", "0.005 }");
+    let swallowed = notes(&swallowed.replace("0.125]", "0.06]"), 2);
+    assert!(
+        swallowed.len() == 1 && swallowed[0].contains("finger is inside the body"),
+        "{swallowed:?}"
+    );
+    // It touches faces larger than itself.
+    let coarse = FINGER.replace("0.02 }", "0.01 }");
+    let coarse = notes(&coarse.replace("-0.02]", "-0.025]"), 6);
+    assert!(
+        coarse.len() == 1 && coarse[0].contains("smaller than the faces"),
+        "{coarse:?}"
+    );
+}
+
+#[test]
 fn gpu_tool_contact_matches_cpu() {
     let moved =
         "path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02], [0.6, 0.01, 0, -0.015]]\nfriction = 0.3";

@@ -9,6 +9,7 @@ mod sdf;
 mod self_contact_settings;
 mod shape;
 mod tool;
+mod tool_check;
 
 pub(super) use barrier::{Barrier, FrictionMollifier};
 #[cfg(test)]
@@ -17,5 +18,6 @@ pub(super) use primitive_pair::{MIN_DISTANCE_RATIO, PrimitivePair};
 pub use sdf::DistanceField;
 pub use self_contact_settings::SelfContactSettings;
 pub use shape::{Shape, SurfaceDistance};
-pub use tool::{InitialPenetration, Tool, ToolId, ToolPose};
+pub use tool::{Penetration, Tool, ToolId, ToolPose};
 pub(super) use tool::{ToolMotion, check_pose};
+pub use tool_check::ToolProblem;

@@ -69,10 +69,10 @@ pub(in crate::physics) struct ToolMotion {
     pub to: [[f64; 4]; 2],
 }
 
-/// Initial penetration of a body's boundary into a tool.
+/// Penetration of a body into a tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct InitialPenetration {
-    /// Number of boundary nodes inside the tool.
+pub struct Penetration {
+    /// Number of nodes inside the tool.
     pub nodes: usize,
     /// Largest penetration depth, in file units.
     pub depth: f64,
@@ -118,22 +118,26 @@ impl Tool {
         check_pose(&self.pose)
     }
 
-    /// Returns the penetration of the boundary of `mesh` into the tool in its initial pose.
-    pub fn initial_penetration(&self, mesh: &TetMesh, topology: &Topology) -> InitialPenetration {
-        let mut seen = vec![false; mesh.nodes.len()];
-        let mut found = InitialPenetration::default();
-        let back = self.pose.turn().inverse();
-        for face in &topology.boundary {
-            for v in topology.boundary_nodes(mesh, *face) {
-                if std::mem::replace(&mut seen[v as usize], true) {
-                    continue;
-                }
-                let p = back * (mesh.nodes[v as usize] - self.pose.place());
-                let distance = self.shape.distance(p);
-                if distance < 0.0 {
-                    found.nodes += 1;
-                    found.depth = found.depth.max(-distance);
-                }
+    /// Returns the penetration of the boundary of `mesh` at rest into the tool in its initial pose.
+    pub fn initial_penetration(&self, mesh: &TetMesh, topology: &Topology) -> Penetration {
+        let boundary = topology.all_boundary_nodes(mesh);
+        let nodes = boundary.into_iter().map(|v| mesh.nodes[v as usize]);
+        self.penetration(&self.pose, nodes)
+    }
+
+    /// Returns the penetration of the points `nodes`, in file units, into the tool at `pose`.
+    pub fn penetration(
+        &self,
+        pose: &ToolPose,
+        nodes: impl IntoIterator<Item = DVec3>,
+    ) -> Penetration {
+        let back = pose.turn().inverse();
+        let mut found = Penetration::default();
+        for p in nodes {
+            let distance = self.shape.distance(back * (p - pose.place()));
+            if distance < 0.0 {
+                found.nodes += 1;
+                found.depth = found.depth.max(-distance);
             }
         }
         found

@@ -21,6 +21,7 @@
 mod create;
 mod cut;
 mod drawing;
+mod end_notes;
 mod look;
 mod output;
 mod playback;

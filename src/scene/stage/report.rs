@@ -107,23 +107,6 @@ pub struct ToolReport {
 }
 
 impl Stage {
-    /// Returns a warning of inverted tets of the simulated body in its current state.
-    ///
-    /// # Errors
-    /// Errors of reading the body back.
-    pub fn inversion_note(&self) -> Result<Option<String>> {
-        let Some(motion) = self.motion() else {
-            return Ok(None);
-        };
-        let count = motion.report()?.inverted_tets;
-        Ok((count > 0).then(|| {
-            format!(
-                "{count} of {} tets are inverted at the end: forces and stresses near them are meaningless; use a smaller load, or improve the mesh (`palpate info` lists its quality)",
-                self.mesh().tets.len()
-            )
-        }))
-    }
-
     /// Returns the reaction of the body on each tool in the current state.
     ///
     /// # Errors
