@@ -2,6 +2,7 @@
 
 use super::boundary::DisjointSets;
 use super::{AnatomicalFrame, FieldDescription, TriMesh};
+use crate::number_format::significant;
 use glam::DVec3;
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
@@ -223,8 +224,8 @@ impl fmt::Display for SurfaceDescription {
                 "orientation   inconsistent between neighbouring triangles"
             )?;
         }
-        writeln!(f, "area          {:.6}", self.area)?;
-        writeln!(f, "volume        {:.6}", self.volume)?;
+        writeln!(f, "area          {}", significant(self.area))?;
+        writeln!(f, "volume        {}", significant(self.volume))?;
         let [low, high] = self.bounds;
         writeln!(f, "bounds        {low:?} to {high:?}")?;
         match self.frame {

@@ -1,6 +1,7 @@
 //! Statistics of a volume.
 
 use super::Volume;
+use crate::number_format::significant;
 use std::fmt;
 
 /// Statistics of a volume.
@@ -95,15 +96,15 @@ impl fmt::Display for VolumeDescription {
             "volume        {i} × {j} × {k} voxels of {}",
             self.scalar_type
         )?;
-        let [x, y, z] = self.spacing;
-        writeln!(f, "spacing       {x:.4} × {y:.4} × {z:.4} mm")?;
+        let [x, y, z] = self.spacing.map(significant);
+        writeln!(f, "spacing       {x} × {y} × {z} mm")?;
         write!(f, "orientation   {}", self.orientation)?;
         match self.obliquity_degrees < 0.01 {
             true => writeln!(f)?,
             false => writeln!(f, ", up to {:.1}° oblique", self.obliquity_degrees)?,
         }
-        let [low, high] = self.bounds;
-        writeln!(f, "bounds (RAS)  {low:.2?} to {high:.2?} mm")?;
+        let [low, high] = self.bounds.map(|corner| corner.map(significant).join(", "));
+        writeln!(f, "bounds (RAS)  [{low}] to [{high}] mm")?;
         let [slope, intercept] = self.scaling;
         if self.scaling != [1.0, 0.0] {
             writeln!(f, "scaling       value = {slope} · stored + {intercept}")?;
@@ -119,8 +120,10 @@ impl fmt::Display for VolumeDescription {
             let name = label.name.as_deref().unwrap_or("");
             writeln!(
                 f,
-                "label {:<7} {:>9} voxels {:>12.1} mm³  {name}",
-                label.label, label.voxels, label.volume
+                "label {:<7} {:>9} voxels {:>12} mm³  {name}",
+                label.label,
+                label.voxels,
+                significant(label.volume)
             )?;
         }
         Ok(())

@@ -1,6 +1,7 @@
 //! Small files of other people whose simulations and pictures once went wrong without a message.
 
 use crate::support::{gpu, real_data};
+use palpate::press::{Press, PressOptions};
 use palpate::render::Image;
 use palpate::scene::{PlannedRun, Scene, Stage};
 
@@ -34,10 +35,11 @@ fn loaded_bodies_do_not_sleep() {
         assert!(late > 1.5 * early && early > 0.0, "{early:e} {late:e}");
         assert!(!stage.motion().unwrap().asleep());
     }
-    let implicit = "[solver]\nname = \"implicit\"\ndt = 0.01\nengine = \"cpu\"";
+    let implicit = "[solver]\nname = \"implicit\"\ndt = 0.075\nengine = \"cpu\"";
     if let Some(mut stage) = case("02_sleep_skin_0.1mm.vtu", ("unit = \"mm\"", implicit)) {
+        // It swings about a displacement of 0.12.
         let moved = displacement(&mut stage, 40);
-        assert!(moved > 1e-3, "{moved:e}");
+        assert!((0.05..0.3).contains(&moved), "{moved:e}");
     }
 }
 
@@ -55,10 +57,10 @@ fn stiff_bar_under_its_weight_has_displacement_and_stress() {
     let (Some((soft, _)), Some((steel, note))) = (run(1e6), run(2.1e11)) else {
         return;
     };
-    assert!(
-        (steel / run(1e9).unwrap().0 - 1.0).abs() < 0.01,
-        "{soft} {steel}"
-    );
+    // At 10⁶ Pa it bends by a tenth of its length, where displacements are no longer proportional to
+    // loads: 1.3 % more.
+    assert!((steel / soft - 1.0).abs() < 0.02, "{soft} {steel}");
+    assert!((steel / run(1e9).unwrap().0 - 1.0).abs() < 0.001);
     let most: f64 = note
         .split(" to ")
         .nth(1)
@@ -66,7 +68,7 @@ fn stiff_bar_under_its_weight_has_displacement_and_stress() {
         .unwrap()
         .parse()
         .unwrap();
-    assert!((5e4..9e4).contains(&most), "{note}");
+    assert!((most / 7.05e4 - 1.0).abs() < 0.01, "{note}");
 }
 
 fn brightest(image: &Image) -> f32 {
@@ -91,4 +93,50 @@ fn thin_and_constant_bodies_are_visible() {
             "{low} {high}"
         );
     }
+}
+
+#[test]
+fn body_with_missing_value_is_pressed() {
+    let Some(file) = real_data("cases/13_one_nan.vtu") else {
+        return;
+    };
+    let scene = Scene::parse(&format!("[mesh]\nfile = '{}'", file.display())).unwrap();
+    let mut press = Press::new(&gpu(), &scene, &PressOptions::default()).unwrap();
+    let first = press.advance().unwrap().unwrap();
+    assert!(
+        first.force_n.is_finite() && first.force_n > 0.0,
+        "{first:?}"
+    );
+}
+
+#[test]
+fn utf16_surface_is_read() {
+    if let Some(file) = real_data("cases/23_s_utf16.stl") {
+        let surface = palpate::io::read_surface(&file).unwrap();
+        assert_eq!(surface.triangles.len(), 12);
+        let volume = palpate::mesh::SurfaceDescription::new(&surface).volume;
+        assert!((volume - 1.0).abs() < 1e-6, "{volume}");
+    }
+}
+
+#[test]
+fn stiffness_of_zero_is_rejected() {
+    let error_of = |material: &str| {
+        let text = format!(
+            "[mesh]\ngenerate = \"breast\"\ntets = 500\n[material]\n{material}\n[solver]\nname = \"implicit\""
+        );
+        let made = Scene::parse(&text).and_then(|scene| Stage::new(&gpu(), &scene));
+        made.err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    let whole = error_of("young = 0");
+    assert!(
+        whole.contains("must be a finite positive number, got 0"),
+        "{whole}"
+    );
+    let region = "gland = { regions = [\"gland\"], young = 0 }";
+    assert!(
+        error_of(region).contains("in region"),
+        "{}",
+        error_of(region)
+    );
 }

@@ -286,7 +286,7 @@ impl Material {
         for (label, region) in &self.regions {
             check_poisson(region.poisson, &format!(" in region {label}"))?;
             let numbers = [
-                ("stiffness", region.stiffness, region.stiffness >= 0.0),
+                ("stiffness", region.stiffness, region.stiffness > 0.0),
                 ("density", region.density, region.density > 0.0),
             ];
             for (name, value, fits) in numbers {
