@@ -289,7 +289,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
 
     def _looked(self) -> Scene:
         """Returns the scene with the settings of the controls."""
-        scene = self._touched.moving
+        scene = self._touched.scene
         chosen: dict[str, Any] = {"picture.field": self.field or None}
         if self.colour:
             chosen["picture.transfer"] = self.colour
@@ -315,7 +315,7 @@ def _fields(touched: Touched) -> list[str]:
     """Returns the fields that can be displayed."""
     own = [f.name for f in touched.rest.fields() if f.values.ndim == 1]
     computed = ["displacement", "von_mises", "stress_1", "strain", "J"]
-    return own + ([] if isinstance(touched.finger, str) else computed)
+    return own + ([] if touched.obstacle is not None else computed)
 
 
 def export(scene: Scene, page: Path, path: Path) -> None:

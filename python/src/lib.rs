@@ -4,6 +4,7 @@
 //! of other libraries) is in `palpate/*.py`; each class there wraps one of these.
 
 mod arrays;
+mod body;
 mod devices;
 mod errors;
 mod mesh;
@@ -26,7 +27,6 @@ fn _palpate(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<pieces::Intervals>()?;
     module.add_class::<press::Press>()?;
     module.add_class::<press::PressMap>()?;
-    module.add_function(wrap_pyfunction!(press::contact_problem, module)?)?;
     module.add_function(wrap_pyfunction!(devices::adapters, module)?)?;
     module.add_function(wrap_pyfunction!(devices::device_memory, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::load_mesh, module)?)?;

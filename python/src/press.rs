@@ -116,13 +116,6 @@ impl Press {
     }
 }
 
-/// Returns why the force of the last of the samples (depth, force) of a press by hand has no
-/// meaning; none if it has.
-#[pyfunction]
-pub fn contact_problem(samples: Vec<[f64; 2]>) -> Option<String> {
-    palpate::press::contact_problem(&samples).map(|problem| problem.to_string())
-}
-
 /// A stiffness map.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct PressMap {

@@ -1,6 +1,7 @@
 //! A scene that is ready for simulation and rendering.
 
 use crate::arrays::{from_points, to_points};
+use crate::body::{Body, motion, simulator};
 use crate::devices::device;
 use crate::errors::{Raise, input_error};
 use crate::mesh::Mesh;
@@ -10,9 +11,10 @@ use glam::{DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use palpate::annotate::FrameTime;
 use palpate::mesh::{Blade, TetMesh};
-use palpate::physics::{BodyField, GrabId, GrabMode, Simulator};
+use palpate::physics::{BodyField, GrabId, GrabMode};
+use palpate::press::{InteractiveStage, PressSession};
 use palpate::render::{Camera, Projection};
-use palpate::scene::{FieldRanges, Motion};
+use palpate::scene::FieldRanges;
 use palpate::{Error, Result};
 use pyo3::prelude::*;
 use std::collections::BTreeMap;
@@ -30,12 +32,14 @@ type View = ([f64; 3], [f64; 3], [f64; 3], Option<f64>, Option<f64>);
 
 /// Node, tet, face, point and distance of a pick.
 type Picked = (u32, u32, u32, [f64; 3], f64);
+/// Time, depth and force of the samples of a press, and why the last force has no meaning, if so.
+type PressCurve = (Vec<(f64, f64, f64)>, Option<String>);
 /// Name, force and moment of a reaction.
 type Exerted = (String, [f64; 3], [f64; 3]);
 
 /// A scene that is ready for simulation and rendering, used by one thread at a time.
 #[pyclass(frozen, module = "palpate._palpate")]
-pub struct Stage(Mutex<palpate::scene::Stage>);
+pub struct Stage(Mutex<Body>);
 
 impl Stage {
     /// Runs `work` on the stage with the Python thread state detached, so that other Python threads
@@ -45,10 +49,24 @@ impl Stage {
         py: Python<'_>,
         work: impl FnOnce(&mut palpate::scene::Stage) -> Result<T> + Send,
     ) -> PyResult<T> {
-        py.detach(|| work(&mut self.lock())).or_raise(py)
+        py.detach(|| work(&mut self.lock().stage)).or_raise(py)
     }
 
-    fn lock(&self) -> MutexGuard<'_, palpate::scene::Stage> {
+    /// As [`Stage::with`], with the fingertip.
+    fn with_fingertip<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut palpate::scene::Stage, &mut PressSession) -> Result<T> + Send,
+    ) -> PyResult<T> {
+        let done = py.detach(|| {
+            let Body { stage, fingertip } = &mut *self.lock();
+            let none = || Error::Input("this body cannot be pressed on".into());
+            work(stage, fingertip.as_mut().ok_or_else(none)?)
+        });
+        done.or_raise(py)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Body> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -56,16 +74,6 @@ impl Stage {
 /// Identifier of a grab.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct Grab(GrabId);
-
-fn motion(stage: &mut palpate::scene::Stage) -> Result<&mut Motion> {
-    stage.motion_mut().ok_or_else(|| {
-        Error::Input("the scene is static; set a solver, such as solver=\"implicit\"".into())
-    })
-}
-
-fn simulator(stage: &mut palpate::scene::Stage) -> Result<&mut dyn Simulator> {
-    Ok(motion(stage)?.simulator.as_mut())
-}
 
 #[pymethods]
 impl Stage {
@@ -87,7 +95,37 @@ impl Stage {
                 None => palpate::scene::Stage::new(&gpu, &scene),
             }
         });
-        Ok(Stage(Mutex::new(stage.or_raise(py)?)))
+        Ok(Stage(Mutex::new(Body {
+            stage: stage.or_raise(py)?,
+            fingertip: None,
+        })))
+    }
+
+    /// Creates the stage of a scene whose body is pressed on interactively, and returns it with the
+    /// reason why it cannot be, if so. Scenes of several bodies and grids need no mesh.
+    #[staticmethod]
+    fn interactive(
+        py: Python<'_>,
+        entries: &str,
+        folder: PathBuf,
+        mesh: Option<&Mesh>,
+        adapter: Option<String>,
+    ) -> PyResult<(Stage, Option<String>)> {
+        let gpu = device(py, adapter)?;
+        let none = TetMesh::default();
+        let mesh = mesh.map_or(&none, |mesh| &*mesh.0);
+        let made = py.detach(|| {
+            let scene = scenes::scene_to_draw(entries, &folder)?;
+            InteractiveStage::new(&gpu, &scene, mesh, None)
+        });
+        let InteractiveStage {
+            stage, fingertip, ..
+        } = made.or_raise(py)?;
+        let (fingertip, why) = match fingertip {
+            Ok(session) => (Some(session), None),
+            Err(why) => (None, Some(why)),
+        };
+        Ok((Stage(Mutex::new(Body { stage, fingertip })), why))
     }
 
     fn notes(&self, py: Python<'_>) -> PyResult<Vec<String>> {
@@ -370,24 +408,47 @@ impl Stage {
         self.with(py, |stage| simulator(stage)?.release(grab.0))
     }
 
-    /// Moves a tool without a path in the scene to a position during the next step, or immediately
-    /// if `at_once`.
-    fn lead_tool(
-        &self,
-        py: Python<'_>,
-        number: usize,
-        place: [f64; 3],
-        at_once: bool,
-    ) -> PyResult<()> {
-        self.with(py, |stage| match at_once {
-            true => stage.teleport_tool(number, place.into()),
-            false => stage.set_tool_target(number, place.into()),
+    /// Places the fingertip on the body at the boundary point nearest to `point`; returns its radius.
+    fn touch(&self, py: Python<'_>, point: [f64; 3]) -> PyResult<f64> {
+        self.with_fingertip(py, |stage, fingertip| {
+            fingertip.touch(stage, point.into())?;
+            Ok(fingertip.radius())
         })
     }
 
-    /// Returns the force of the body on a tool, N.
-    fn tool_force(&self, py: Python<'_>, number: usize) -> PyResult<[f64; 3]> {
-        self.with(py, |stage| Ok(stage.tool_force(number)?.to_array()))
+    /// Takes one step towards `depth` with the fingertip. Returns the depth that it reached, and
+    /// whether the step succeeded.
+    fn press_towards(&self, py: Python<'_>, depth: f64, withdraws: bool) -> PyResult<(f64, bool)> {
+        self.with_fingertip(py, |stage, fingertip| {
+            let phase = if withdraws { "unload" } else { "load" };
+            let done = fingertip.step_towards(motion(stage)?, depth, phase)?;
+            Ok((fingertip.depth().unwrap_or(depth), done))
+        })
+    }
+
+    /// Takes the fingertip away.
+    fn park(&self, py: Python<'_>) -> PyResult<()> {
+        self.with_fingertip(py, |stage, fingertip| fingertip.park(motion(stage)?))
+    }
+
+    /// Returns the radius of the fingertip, and the time that passed in quasi-static steps; none if
+    /// the body cannot be pressed on.
+    fn fingertip(&self, py: Python<'_>) -> Option<(f64, f64)> {
+        py.detach(|| {
+            let body = self.lock();
+            let fingertip = body.fingertip.as_ref()?;
+            Some((fingertip.radius(), fingertip.static_time()))
+        })
+    }
+
+    /// Returns time, depth and force of each step of the last press, and why the last force has no
+    /// meaning, if so.
+    fn press_curve(&self, py: Python<'_>) -> PyResult<PressCurve> {
+        self.with_fingertip(py, |_, fingertip| {
+            let curve = fingertip.samples().iter();
+            let curve = curve.map(|s| (s.time_s, s.depth_m, s.force_n)).collect();
+            Ok((curve, fingertip.problem()))
+        })
     }
 
     /// Returns the transfer function of the images as JSON, in absolute scalars, with extinctions

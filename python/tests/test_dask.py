@@ -116,7 +116,7 @@ def test_sweep_matches_single_cases(client, tmp_path: Path, bar: palpate.Body) -
 
 def test_press_map_matches_single_machine(client, tmp_path: Path) -> None:
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
-    here = palpate.press_map(breast, (3, 2))
+    here = palpate.press_map(breast, (3, 2), radius=0.016)
     came: list[int] = []
 
     def each(number: int, stiffness: float) -> None:
@@ -124,13 +124,13 @@ def test_press_map_matches_single_machine(client, tmp_path: Path) -> None:
         if len(came) == 2:
             kill_one(client)
 
-    there = palpate.dask.press_map(breast, (3, 2), client, out=tmp_path / "map", each=each)
+    there = palpate.dask.press_map(breast, (3, 2), client, radius=0.016, out=tmp_path / "map", each=each)
     assert sorted(came) == list(range(len(here.stiffness)))
     assert np.array_equal(there.points, here.points)
     assert np.allclose(there.stiffness, here.stiffness, rtol=1e-9)
     assert np.array_equal(there.picture, here.picture)
     came.clear()
-    palpate.dask.press_map(breast, (3, 2), client, out=tmp_path / "map", each=each)
+    palpate.dask.press_map(breast, (3, 2), client, radius=0.016, out=tmp_path / "map", each=each)
     assert came == []
 
 

@@ -42,6 +42,29 @@ def test_press_matches_command_line(tmp_path: Path, run) -> None:
         palpate.press(ball, radius=-1.0)
 
 
+#: Bodies on which the command, the window and this package must agree, as in the viewer's test.
+BODIES = [("box", 1500), ("ball", 1500), ("breast", 4000), ("limb", 4000)]
+
+
+@pytest.mark.parametrize(("name", "tets"), BODIES)
+def test_view_measures_force_of_press(name: str, tets: int) -> None:
+    from palpate._touch import Touched
+
+    scene = palpate.Scene({"mesh": {"generate": name, "tets": tets}})
+    touched = Touched(scene)
+    seen = touched.pick(0.5, 0.5)
+    assert seen is not None
+    found = palpate.press(scene, at=seen.point, depth=0.5 * touched.radius, size=(32, 24))
+    assert found.report["radius_m"] == touched.radius
+    assert touched.press(0.5, 0.5)
+    for depth in found.depth[found.loading]:
+        assert touched._stage.press_towards(depth, False) == (depth, True)
+    ours = np.array([force for _, _, force in touched.samples])
+    assert ours.max() > 0.0
+    assert np.allclose(ours, found.force[found.loading], rtol=0.0, atol=1e-9 * ours.max())
+    assert found.report["bed"]["side"] == "-z" and found.report["bed"]["nodes"] > 2
+
+
 def stop(what: str, share: float) -> None:
     raise RuntimeError("enough")
 
@@ -49,17 +72,17 @@ def stop(what: str, share: float) -> None:
 def test_press_map_resumes(tmp_path: Path, run) -> None:
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
     with pytest.raises(RuntimeError, match="enough"):
-        palpate.press_map(breast, (3, 2), out=tmp_path / "map", progress=stop)
+        palpate.press_map(breast, (3, 2), radius=0.016, out=tmp_path / "map", progress=stop)
     begun = (tmp_path / "map/map.json").read_text()
     assert begun.count("null") < 6, "no completed points were kept"
-    whole = palpate.press_map(breast, (3, 2), out=tmp_path / "map")
+    whole = palpate.press_map(breast, (3, 2), radius=0.016, out=tmp_path / "map")
     assert whole.points.shape == (len(whole.stiffness), 3) and (whole.stiffness > 0).all()
     breast.write(tmp_path / "breast.toml")
-    run("press", tmp_path / "breast.toml", "--map", "3x2", "--out", tmp_path / "theirs")
+    run("press", tmp_path / "breast.toml", "--map", "3x2", "--radius", "0.016", "--out", tmp_path / "theirs")
     rows = np.loadtxt(tmp_path / "theirs/map.csv", delimiter=",", skiprows=1)
     assert np.allclose(whole.stiffness, rows[:, 3], rtol=1e-9)
     with pytest.raises(palpate.InputError, match="a different body"):
-        palpate.press_map(breast, (2, 2), out=tmp_path / "map")
+        palpate.press_map(breast, (2, 2), radius=0.016, out=tmp_path / "map")
 
 
 def test_demo_writes_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -122,7 +122,7 @@ pub fn press(
     )]);
     press.stage().save(out.join("rest.png"))?;
     press.clip_at_press()?;
-    // That of an earlier press would be mistaken for the new one.
+    // Removes the picture of an earlier press.
     match std::fs::remove_file(out.join("pressed.png")) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(out)(e).into()),
         _ => {}
@@ -229,11 +229,12 @@ fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Resu
         let points = own.map(|s| [1e3 * s.depth_m, s.force_n]);
         points.collect::<Vec<_>>()
     };
-    let over = 1.0 - report.poisson * report.poisson;
+    let conditions = &report.conditions;
+    let over = 1.0 - conditions.poisson * conditions.poisson;
     let hertz = report.hertz_young_pa.map(|young| {
         let of = |k: u32| {
             let depth = report.max_depth_m * f64::from(k) / 40.0;
-            let force = 4.0 / 3.0 * young / over * report.radius_m.sqrt() * depth.powf(1.5);
+            let force = 4.0 / 3.0 * young / over * conditions.radius_m.sqrt() * depth.powf(1.5);
             [1e3 * depth, force]
         };
         Series::new(

@@ -33,12 +33,9 @@ pub struct PressReport {
     pub max_force_n: f64,
     /// Maximum depth.
     pub max_depth_m: f64,
-    /// Radius of the fingertip.
-    pub radius_m: f64,
-    /// Poisson's ratio ν used for `hertz_young_pa`.
-    pub poisson: f64,
-    /// Engine that computed the press.
-    pub engine: String,
+    /// Where and how the press was made.
+    #[serde(flatten)]
+    pub conditions: PressConditions,
     /// Computing time, s.
     pub seconds: f64,
     /// Why the press did not measure the elastic response of the body, one sentence each with what
@@ -46,12 +43,47 @@ pub struct PressReport {
     pub warnings: Vec<String>,
 }
 
+/// Where and how a press was made.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct PressConditions {
+    /// Press point on the body at rest, in file units, as for `--at`.
+    pub at: [f64; 3],
+    /// Unit vector along which the fingertip advances.
+    pub direction: [f64; 3],
+    /// Metres per file unit.
+    pub length_unit_m: f64,
+    /// Thickness of the body at the site along the direction.
+    pub thickness_m: f64,
+    /// Radius of the fingertip.
+    pub radius_m: f64,
+    /// Time step of the quasi-static steps, s.
+    pub step_s: f64,
+    /// The part of the body that is fixed; none where the scene's own supports hold it.
+    pub bed: Option<Bed>,
+    /// Poisson's ratio ν of the tissue at the site, used for `hertz_young_pa`.
+    pub poisson: f64,
+    /// Engine that computed the press.
+    pub engine: String,
+}
+
+/// The part of a body that is fixed to a table.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Bed {
+    /// Direction from the body to the table: `-x` to `+z`.
+    pub side: String,
+    /// Fraction of the body's extent in that direction that is fixed.
+    pub fraction: f64,
+    /// Number of fixed nodes, with those of the scene's pins.
+    pub nodes: usize,
+}
+
 pub(super) fn report(
     samples: &[PressSample],
-    [radius, poisson]: [f64; 2],
-    (engine, seconds): (String, f64),
+    conditions: PressConditions,
+    seconds: f64,
     warnings: Vec<String>,
 ) -> PressReport {
+    let (radius, poisson) = (conditions.radius_m, conditions.poisson);
     let way_in: Vec<[f64; 2]> = samples
         .iter()
         .filter(|s| s.phase == "load" && s.depth_m > 0.0)
@@ -81,9 +113,7 @@ pub(super) fn report(
         hertz_young_pa: valid.then_some(young),
         max_force_n: max_force,
         max_depth_m: max_depth,
-        radius_m: radius,
-        poisson,
-        engine,
+        conditions,
         seconds,
         warnings,
     }
@@ -127,7 +157,16 @@ mod tests {
                 }
             })
             .collect();
-        let found = report(&samples, [radius, poisson], ("cpu".into(), 1.0), Vec::new());
+        let conditions = PressConditions {
+            radius_m: radius,
+            poisson,
+            ..PressConditions::default()
+        };
+        let of = |samples: &[PressSample], warnings: &[&str]| {
+            let warnings = warnings.iter().map(|w| String::from(*w)).collect();
+            report(samples, conditions.clone(), 1.0, warnings)
+        };
+        let found = of(&samples, &[]);
         assert!((found.hertz_young_pa.unwrap() / young - 1.0).abs() < 1e-12);
         assert!((found.max_depth_m - 1.6e-3).abs() < 1e-12);
         // The slope between half and full depth.
@@ -140,20 +179,15 @@ mod tests {
             force_n: 0.1 * force(1.6e-3),
             ..slipped[17]
         });
-        let again = report(&slipped, [radius, poisson], ("cpu".into(), 1.0), Vec::new());
+        let again = of(&slipped, &[]);
         assert_eq!(again.stiffness_n_per_m, found.stiffness_n_per_m);
         assert!(again.max_depth_m > found.max_depth_m);
-        let nothing = report(&[], [radius, poisson], (String::new(), 0.0), Vec::new());
+        let nothing = of(&[], &[]);
         assert_eq!(
             [nothing.hertz_young_pa, nothing.stiffness_n_per_m],
             [Some(0.0); 2]
         );
-        let warned = report(
-            &samples,
-            [radius, poisson],
-            (String::new(), 0.0),
-            vec!["slipped".into()],
-        );
+        let warned = of(&samples, &["slipped"]);
         assert_eq!([warned.hertz_young_pa, warned.stiffness_n_per_m], [None; 2]);
     }
 }

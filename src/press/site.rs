@@ -1,21 +1,15 @@
 //! Press site: a point of the boundary, the outward direction and the thickness of the body there.
 
 use super::PressOptions;
-use crate::mesh::{TetMesh, Topology, TriangleBvh};
+use crate::mesh::{TetMesh, Topology, TriangleBvh, bounds};
 use crate::render::{Ray, ReferenceRaycaster};
 use crate::scene::Stage;
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
-/// Default radius of the fingertip: this fraction of the thickness, at most `LARGEST` times the
-/// body's diagonal; at least `EDGES` mean boundary edges, but not above twice that maximum; and at
-/// least `MIN_EDGES` local edges: a smaller one is not resolved.
-const RADIUS: f64 = 0.25;
-const EDGES: f64 = 1.5;
-const LARGEST: f64 = 0.05;
-const MIN_EDGES: f64 = 1.05;
-/// Radius of the neighbourhood over which face normals are averaged, in mean edges.
-const NORMAL_RADIUS: f64 = 2.5;
+/// Default radius of the fingertip, relative to the body's mean chord length: a property of the
+/// shape, whatever its mesh.
+const RADIUS_RATIO: f64 = 0.2;
 /// Maximum number of conservative advancement steps.
 const TOUCHES: u32 = 200;
 /// Minimum cosine between the outward direction and up for pressing from above.
@@ -34,34 +28,32 @@ pub struct PressSite {
     pub thickness: f64,
 }
 
+/// Returns the default radius of the fingertip on the body of `mesh`, in file units.
+pub fn default_radius(mesh: &TetMesh, topology: &Topology) -> f64 {
+    RADIUS_RATIO * topology.mean_chord(mesh)
+}
+
 /// Boundary of a body with search structures.
 pub(super) struct Boundary {
     faces: Vec<[DVec3; 3]>,
+    /// The tet behind each face.
+    tets: Vec<u32>,
     tree: TriangleBvh,
     rays: ReferenceRaycaster,
-    /// Mean edge length.
-    edge: f64,
     low: DVec3,
     high: DVec3,
 }
 
 impl Boundary {
-    pub fn new(mesh: &TetMesh) -> Boundary {
-        let topology = Topology::new(mesh);
-        let corners = |b| {
-            topology
-                .boundary_nodes(mesh, b)
-                .map(|v| mesh.nodes[v as usize])
-        };
+    /// The boundary of the body of `mesh`, deformed to the node positions `x`.
+    pub fn new(mesh: &TetMesh, topology: &Topology, x: &[DVec3]) -> Boundary {
+        let corners = |b| topology.boundary_nodes(mesh, b).map(|v| x[v as usize]);
         let faces: Vec<[DVec3; 3]> = topology.boundary.iter().map(|b| corners(*b)).collect();
-        let edges = faces
-            .iter()
-            .map(|[a, b, c]| (a.distance(*b) + b.distance(*c) + c.distance(*a)) / 3.0);
-        let (low, high) = mesh.bounds();
+        let (low, high) = bounds(faces.as_flattened());
         Boundary {
-            edge: edges.sum::<f64>() / faces.len().max(1) as f64,
+            tets: topology.boundary.iter().map(|b| b.tet).collect(),
             tree: TriangleBvh::new(faces.clone()),
-            rays: ReferenceRaycaster::new(mesh, &mesh.nodes, &vec![0.0; mesh.nodes.len()]),
+            rays: ReferenceRaycaster::new(mesh, x, &vec![0.0; x.len()]),
             faces,
             low,
             high,
@@ -70,6 +62,12 @@ impl Boundary {
 
     fn diagonal(&self) -> f64 {
         self.low.distance(self.high)
+    }
+
+    /// Returns the site at the boundary point nearest to `point`, for a fingertip of `radius`.
+    pub fn site_at(&self, point: DVec3, radius: f64) -> PressSite {
+        let point = self.nearest(point).unwrap_or(point);
+        self.spot(point, self.outward(point, radius))
     }
 
     /// Returns the site at a boundary point.
@@ -81,22 +79,14 @@ impl Boundary {
         }
     }
 
-    /// Returns the default radius for presses at `sites` with a typical thickness.
-    pub fn fitting_radius<'a>(
-        &self,
-        thickness: f64,
-        sites: impl Iterator<Item = &'a PressSite>,
-    ) -> f64 {
-        let largest = LARGEST * self.diagonal();
-        let radius = (RADIUS * thickness)
-            .min(largest)
-            .max((EDGES * self.edge).min(2.0 * largest));
-        let edges = sites.map(|site| self.edge_near(site.point, radius));
-        edges.fold(radius, |radius, edge| radius.max(MIN_EDGES * edge))
+    /// Returns the tet behind the boundary at a point.
+    pub fn tet_at(&self, point: DVec3) -> Option<u32> {
+        let (face, _) = self.tree.nearest(point)?;
+        self.tets.get(face).copied()
     }
 
     /// Returns the mean edge length of the faces within `radius` of a boundary point, or of the one
-    /// closest to it.
+    /// nearest to it.
     pub fn edge_near(&self, point: DVec3, radius: f64) -> f64 {
         let mean =
             |[a, b, c]: &[DVec3; 3]| (a.distance(*b) + b.distance(*c) + c.distance(*a)) / 3.0;
@@ -118,25 +108,16 @@ impl Boundary {
         Some(parts.map(|(corner, w)| w * corner).sum())
     }
 
-    /// Returns the mean outward direction around a boundary point.
-    fn outward(&self, point: DVec3) -> DVec3 {
-        let reach = NORMAL_RADIUS * self.edge;
-        let mut out = DVec3::ZERO;
-        let mut nearest = (f64::INFINITY, DVec3::Z);
-        for [a, b, c] in &self.faces {
-            let (middle, normal) = ((*a + *b + *c) / 3.0, (*b - *a).cross(*c - *a));
-            let away = middle.distance(point);
-            if away < nearest.0 {
-                nearest = (away, normal);
-            }
-            if away <= reach {
-                out += normal;
-            }
-        }
-        let own = nearest.1.normalize_or(DVec3::Z);
-        let out = out.normalize_or(own);
-        // In thin parts the faces of both sides are within the radius and may cancel.
-        if out.dot(own) > 0.3 { out } else { own }
+    /// Returns the mean outward direction of the boundary within `radius` of a boundary point, on
+    /// the same side of the body.
+    fn outward(&self, point: DVec3, radius: f64) -> DVec3 {
+        let normal = |[a, b, c]: &[DVec3; 3]| (*b - *a).cross(*c - *a);
+        let nearest = self.tree.nearest(point);
+        let own = nearest.map_or(DVec3::Z, |(face, _)| normal(&self.faces[face]));
+        let near = |[a, b, c]: &&[DVec3; 3]| ((*a + *b + *c) / 3.0).distance(point) <= radius;
+        let around = self.faces.iter().filter(near).map(normal);
+        let out: DVec3 = around.filter(|n| n.dot(own) > 0.0).sum();
+        out.normalize_or(own.normalize_or(DVec3::Z))
     }
 
     /// Returns the length of the ray into the body until it exits.
@@ -174,15 +155,16 @@ impl Boundary {
     }
 
     /// Returns the site where a ray from far above against `up` first hits the body, with `up` as
-    /// the outward direction; `None` on a miss or if the surface is steeper than 60°.
-    pub fn first_from_above(&self, up: DVec3, beside: DVec3) -> Option<PressSite> {
+    /// the outward direction; `None` on a miss or if the surface within `radius` is steeper than
+    /// 60°.
+    pub fn first_from_above(&self, up: DVec3, beside: DVec3, radius: f64) -> Option<PressSite> {
         let far = beside + up * (self.diagonal() - (beside - self.low).dot(up));
         let met = |face: &&[DVec3; 3]| hit(far, -up, face).is_some();
         let height = |face: &[DVec3; 3]| hit(far, -up, face).unwrap_or(f64::INFINITY);
         let over = self.faces.iter().filter(met);
         let first = over.min_by(|a, b| height(a).total_cmp(&height(b)))?;
         let point = far - height(first) * up;
-        let steep = self.outward(point).dot(up) < MIN_UP_COSINE;
+        let steep = self.outward(point, radius).dot(up) < MIN_UP_COSINE;
         (!steep).then(|| self.spot(point, up))
     }
 }
@@ -200,25 +182,25 @@ fn hit(origin: DVec3, direction: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<f64> {
     (inside && det != 0.0).then(|| v.dot(q) / det)
 }
 
-/// Returns the requested site on a body with the given `boundary`, shown at rest by `stage`.
+/// Returns the requested site for a fingertip of `radius` on a body with the given `boundary`, shown
+/// at rest by `stage`.
 pub(super) fn find_site(
     stage: &mut Stage,
     boundary: &Boundary,
     wanted: &PressOptions,
+    radius: f64,
 ) -> Result<PressSite> {
     let point = match wanted.at {
-        Some(at) => {
-            let near = |p: &DVec3| p.distance(at) <= 0.5 * boundary.diagonal();
-            boundary.nearest(at).filter(near).ok_or_else(|| {
-                Error::Input(format!(
-                    "press point {at} is too far from the body, which spans {} to {}; give a point on the body (--at x,y,z)",
-                    boundary.low, boundary.high
-                ))
-            })?
+        Some(at) if boundary.tree.distance(at) > 0.5 * boundary.diagonal() => {
+            return Err(Error::Input(format!(
+                "press point {at} is too far from the body, which spans {} to {}; give a point on the body (--at x,y,z)",
+                boundary.low, boundary.high
+            )));
         }
+        Some(at) => at,
         None => seen(stage, wanted.pick)?,
     };
-    Ok(boundary.spot(point, boundary.outward(point)))
+    Ok(boundary.site_at(point, radius))
 }
 
 /// Returns the point visible at a pixel, or nearest to the image centre.

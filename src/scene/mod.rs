@@ -225,6 +225,17 @@ pub struct PlannedRun {
 }
 
 impl Scene {
+    /// Whether its loads or the motion of its tools depend on time.
+    pub fn is_time_dependent(&self) -> bool {
+        let moves = |t: &ToolEntry| t.path.is_some() || t.file.is_some() || t.rotation.is_some();
+        !(self.grab.is_empty()
+            && self.cut.is_empty()
+            && self.moves.is_empty()
+            && self.muscle.is_empty()
+            && self.pressure.is_empty())
+            || self.tool.iter().any(moves)
+    }
+
     /// Reads a scene file; relative paths in it are resolved against its folder.
     ///
     /// # Errors

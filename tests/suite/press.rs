@@ -15,6 +15,14 @@ fn block(more: &str) -> Scene {
     Scene::parse(&text).unwrap()
 }
 
+/// A fingertip larger than the faces of the block.
+fn finger() -> PressOptions {
+    PressOptions {
+        radius: Some(0.025),
+        ..PressOptions::default()
+    }
+}
+
 /// Returns all samples of an indentation.
 fn pressed(scene: &Scene, wanted: &PressOptions) -> Press {
     let mut press = Press::new(&gpu(), scene, wanted).unwrap();
@@ -25,7 +33,7 @@ fn pressed(scene: &Scene, wanted: &PressOptions) -> Press {
 #[test]
 fn press_loads_unloads_and_measures_force() {
     let scene = block("");
-    let press = pressed(&scene, &PressOptions::default());
+    let press = pressed(&scene, &finger());
     let spot = *press.site();
     assert!(spot.outward.is_normalized() && spot.thickness > 0.0);
     let samples = press.samples();
@@ -59,7 +67,7 @@ fn press_loads_unloads_and_measures_force() {
     let over = report.hertz_young_pa.unwrap() / 2e4;
     assert!((0.7..3.0).contains(&over), "{over}");
     assert_eq!(report.max_force_n, load.last().unwrap().force_n);
-    assert_eq!(report.poisson, 0.3);
+    assert!((report.conditions.poisson - 0.3).abs() < 1e-6);
 }
 
 /// Cartilage between rigid bones, with increasing contact area.
@@ -72,7 +80,7 @@ fn knee_force_increases_with_depth() {
         samples.map(|s| s.force_n).collect()
     };
     let (load, unload) = (forces("load"), forces("unload"));
-    assert!(load.is_sorted() && load[load.len() - 1] > 100.0, "{load:?}");
+    assert!(load.is_sorted() && load[load.len() - 1] > 50.0, "{load:?}");
     assert!(unload.is_sorted_by(|a, b| a >= b), "{unload:?}");
 }
 
@@ -145,7 +153,7 @@ fn press_rejects_invalid_options() {
 fn map_of(points: [u32; 2]) -> MapOptions {
     MapOptions {
         points,
-        radius: None,
+        radius: Some(0.025),
         depth: None,
     }
 }
@@ -239,7 +247,11 @@ fn stiffness_map_finds_lump_only_if_present() {
             "[mesh]\ngenerate = \"breast\"\ncontrast = {contrast}\n[material]\nstiffness_field = \"stiffness\"\nfat = {{}}\ngland = [\"gland\", \"lump\"]\nmuscle = {{}}"
         );
         let scene = Scene::parse(&text).unwrap();
-        let mut map = PressMap::new(&scene, &map_of([10, 10])).unwrap();
+        let wanted = MapOptions {
+            radius: None,
+            ..map_of([10, 10])
+        };
+        let mut map = PressMap::new(&scene, &wanted).unwrap();
         map.measure(&gpu, &mut |_| Ok(())).unwrap();
         let over = |p: &MapPoint| p.stiffness().unwrap() / map.median().unwrap();
         // The lump lies below (22, 22) mm.
@@ -264,7 +276,7 @@ fn stiffness_map_finds_lump_only_if_present() {
 fn press_is_quasi_static() {
     let force = |density: f64| {
         let scene = block(&format!("density = {density}\n"));
-        let press = pressed(&scene, &PressOptions::default());
+        let press = pressed(&scene, &finger());
         let report = press.report(0.0);
         assert_eq!(report.warnings, Vec::<String>::new());
         let samples = press.samples();
@@ -319,4 +331,24 @@ fn presses_that_measure_nothing_have_warnings_and_no_stiffness() {
     let error = PressMap::new(&scene, &map_of([2, 2])).err().unwrap();
     assert!(error.to_string().contains("in 2 pieces"), "{error}");
     std::fs::remove_file(&file).unwrap();
+}
+
+#[test]
+fn default_radius_and_bed_follow_from_shape() {
+    let report = |tets: u32| {
+        let text = format!("[mesh]\ngenerate = \"box\"\ntets = {tets}\n");
+        let scene = Scene::parse(&text).unwrap();
+        let press = Press::new(&gpu(), &scene, &PressOptions::default()).unwrap();
+        press.report(0.0).conditions
+    };
+    let (coarse, fine) = (report(900), report(7000));
+    assert!((coarse.radius_m / fine.radius_m - 1.0).abs() < 1e-9);
+    let fraction = |c: &palpate::press::PressConditions| c.bed.as_ref().unwrap().fraction;
+    assert_eq!([fraction(&coarse), fraction(&fine)], [0.04; 2]);
+    assert_eq!(
+        fine.direction.map(|x| x.abs().round()).iter().sum::<f64>(),
+        1.0
+    );
+    assert_eq!(fine.length_unit_m, 1.0);
+    assert!(fine.step_s > 1.0 && fine.thickness_m > 0.09);
 }

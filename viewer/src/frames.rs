@@ -207,7 +207,7 @@ impl App {
             tets: show.map_or(0, |s| s.stage().mesh().tets.len()),
             camera: [camera.eye.to_array(), camera.look_at.to_array()],
             force_n: show.and_then(BodySession::force),
-            depth_m: show.and_then(|s| s.samples.last().map(|s| s.depth_m)),
+            depth_m: show.and_then(|s| s.samples().last().map(|s| s.depth_m)),
             memory_mb: memory_mb(),
             readbacks: self.gpu.readbacks(),
             bytes_allocated: self.gpu.bytes_allocated(),

@@ -119,7 +119,7 @@ impl App {
             );
         }
         if let Some(show) = &self.show
-            && let (Some(force), Some(sample)) = (show.force(), show.samples.last())
+            && let (Some(force), Some(sample)) = (show.force(), show.samples().last())
         {
             let said = format!(
                 "{} N at {} mm",

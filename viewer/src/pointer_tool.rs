@@ -209,20 +209,18 @@ impl App {
         }
     }
 
-    /// Picks the body at a point of the picture; also returns the viewing direction.
-    fn picked(&mut self, at: Pos2, area: Viewport) -> Result<Option<(Pick, DVec3)>> {
+    /// Picks the body at a point of the picture.
+    fn picked(&mut self, at: Pos2, area: Viewport) -> Result<Option<Pick>> {
         let (camera, pixel) = (self.orbit.camera(), area.pixel(at));
-        let Some(show) = &mut self.show else {
-            return Ok(None);
-        };
-        let sight = camera.ray(pixel, area.size).direction;
-        let pick = show.pick(&camera, pixel, area.size)?;
-        Ok(pick.map(|pick| (pick, sight)))
+        match &mut self.show {
+            Some(show) => show.pick(&camera, pixel, area.size),
+            None => Ok(None),
+        }
     }
 
     /// Starts the tool's gesture at a point of the picture; outside the body the camera orbits.
     fn touch(&mut self, at: Pos2, area: Viewport) -> Result<()> {
-        let Some((pick, sight)) = self.picked(at, area)? else {
+        let Some(pick) = self.picked(at, area)? else {
             self.stroke = PointerGesture::View(CameraMotion::Orbit);
             return Ok(());
         };
@@ -240,7 +238,7 @@ impl App {
         match self.pointer_tool {
             PointerTool::Look => {}
             PointerTool::Press => {
-                show.press(&pick, sight)?;
+                show.press(&pick)?;
                 self.stroke = PointerGesture::Press(at, 0.0);
             }
             PointerTool::Grab => {
@@ -274,9 +272,9 @@ impl App {
         let area = self.area.ok_or_else(nothing)?;
         if self.show.as_ref().is_some_and(|s| s.depth().is_none()) {
             let at = area.rect.min + area.rect.size() * egui::vec2(x as f32, y as f32);
-            let (pick, sight) = self.picked(at, area)?.ok_or_else(nothing)?;
+            let pick = self.picked(at, area)?.ok_or_else(nothing)?;
             if let Some(show) = &mut self.show {
-                show.press(&pick, sight)?;
+                show.press(&pick)?;
             }
         }
         if let Some(show) = &mut self.show {
@@ -353,14 +351,14 @@ impl App {
             }
             PointerGesture::Pin => {
                 let edits = self.edits();
-                if let Some((pick, _)) = self.picked(at, area)?
+                if let Some(pick) = self.picked(at, area)?
                     && let Some(show) = &mut self.show
                 {
                     show.pin(&pick, edits, false)?;
                 }
             }
             PointerGesture::Ruler => {
-                if let Some((pick, _)) = self.picked(at, area)?
+                if let Some(pick) = self.picked(at, area)?
                     && let Some([_, end]) = &mut self.ruler
                 {
                     *end = pick.point;

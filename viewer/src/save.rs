@@ -81,7 +81,7 @@ impl App {
             }
             SaveKind::Press => {
                 let mut lines = "time_s,depth_m,force_n\n".to_owned();
-                for s in &show.samples {
+                for s in show.samples() {
                     lines += &format!("{},{},{}\n", s.time_s, s.depth_m, s.force_n);
                 }
                 write(file, lines.as_bytes())?;

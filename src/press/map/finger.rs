@@ -3,99 +3,73 @@
 use super::PointResult;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
-use crate::press::curve::{self, PressSample};
-use crate::press::site::PressSite;
-use crate::press::{INITIAL_CLEARANCE, curve_warnings, make_quasi_static};
-use crate::scene::{Motion, Scene};
+use crate::physics::{SimulatorState, SolverKind};
+use crate::press::curve::{self, PressConditions};
+use crate::press::curve_warnings;
+use crate::press::session::{INITIAL_CLEARANCE, PressSession};
+use crate::press::setup::PressSetup;
+use crate::press::site::{Boundary, PressSite};
+use crate::scene::Motion;
 use crate::{Error, Result};
-use glam::{DQuat, DVec3};
 
 /// Loading steps at each point.
 const STEPS: u32 = 6;
 
-/// Settings of a press.
-pub(super) struct PressSettings {
-    pub up: DVec3,
+/// The body of a map, and how it is pressed.
+pub(super) struct Bench {
+    pub setup: PressSetup,
+    pub mesh: TetMesh,
+    pub boundary: Boundary,
+    /// Press depth, in file units.
     pub depth: f64,
-    pub unit: f64,
-    pub poisson: f64,
-    pub radius: f64,
 }
 
-/// Data to create a simulator with a fingertip.
-pub(super) struct Bench<'a> {
-    pub gpu: &'a Gpu,
-    pub scene: &'a Scene,
-    pub mesh: &'a TetMesh,
-    pub radius: f64,
-}
-
-impl Bench<'_> {
+impl Bench {
     /// Creates a simulator whose fingertip is away from the body.
-    pub fn finger(&self) -> Result<Finger> {
+    pub fn finger(&self, gpu: &Gpu) -> Result<Finger<'_>> {
         let kind = SolverKind::Implicit;
-        let (mut motion, _) = Motion::new(self.gpu, self.scene, kind, self.mesh.clone(), None)?;
-        let (_, high) = self.mesh.bounds();
-        let id = motion.simulator.add_tool(Tool {
-            shape: Shape::Sphere {
-                radius: self.radius,
-            },
-            pose: ToolPose::new(high + 4.0 * self.radius, DQuat::IDENTITY),
-            friction: 0.0,
-            gap: None,
-        })?;
-        make_quasi_static(&mut motion);
-        let rest = motion.simulator.state()?;
-        Ok(Finger { motion, id, rest })
+        let scene = &self.setup.scene;
+        let (motion, _) = Motion::new(gpu, scene, kind, self.mesh.clone(), None)?;
+        Ok(Finger {
+            rest: motion.simulator.state()?,
+            session: PressSession::new(self.setup.clone(), &motion),
+            motion,
+            bench: self,
+        })
     }
 }
 
 /// A simulator with a fingertip, and its rest state.
-pub(super) struct Finger {
+pub(super) struct Finger<'a> {
     motion: Motion,
-    id: ToolId,
+    session: PressSession,
     rest: SimulatorState,
+    bench: &'a Bench,
 }
 
-impl Finger {
-    /// Presses the body from rest at a point at which the fingertip touches it at a height.
-    pub fn press(
-        &mut self,
-        settings: &PressSettings,
-        (spot, touch): &(PressSite, f64),
-    ) -> Result<PointResult> {
-        let at = |depth: f64| {
-            ToolPose::new(spot.point + (touch - depth) * spot.outward, DQuat::IDENTITY)
-        };
-        let (id, dt) = (self.id, self.motion.dt);
-        let body = self.motion.simulator.as_mut();
-        body.set_state(&self.rest)?;
-        let begin = -INITIAL_CLEARANCE * settings.radius;
-        body.loads_mut().teleport_tool(id, at(begin))?;
-        let mut samples = Vec::new();
+impl Finger<'_> {
+    /// Presses the body from rest at `site`.
+    ///
+    /// # Errors
+    /// Errors of the engine; a press with a failed step is [`PointResult::Failed`].
+    pub fn press(&mut self, site: PressSite) -> Result<PointResult> {
+        let (depth, begin) = (self.bench.depth, -INITIAL_CLEARANCE * self.session.radius());
+        self.motion.simulator.set_state(&self.rest)?;
+        self.session
+            .touch_site(&mut self.motion, &self.bench.boundary, site)?;
         for step in 1..=STEPS {
-            let depth = begin + (settings.depth - begin) * f64::from(step) / f64::from(STEPS);
-            body.loads_mut().set_tool_target(id, at(depth))?;
-            match body.run(1, dt) {
-                Err(Error::Solver { .. }) => return Ok(PointResult::Failed),
+            let goal = begin + (depth - begin) * f64::from(step) / f64::from(STEPS);
+            match self.session.press_to(&mut self.motion, goal, "load") {
+                Ok(None) | Err(Error::Solver { .. }) => return Ok(PointResult::Failed),
                 other => other?,
             };
-            let force = body
-                .tool_forces()?
-                .first()
-                .map_or(DVec3::ZERO, |on| on.force);
-            samples.push(PressSample {
-                time_s: dt * f64::from(step),
-                phase: "load",
-                depth_m: settings.unit * depth,
-                force_n: force.dot(settings.up),
-            });
         }
-        let radius = settings.unit * settings.radius;
-        let warnings = curve_warnings(&samples);
-        let numbers = [radius, settings.poisson];
-        let report = curve::report(&samples, numbers, (String::new(), 0.0), warnings);
+        let samples = self.session.samples();
+        let conditions = PressConditions {
+            radius_m: self.session.unit() * self.session.radius(),
+            ..PressConditions::default()
+        };
+        let report = curve::report(samples, conditions, 0.0, curve_warnings(samples));
         Ok(match report.stiffness_n_per_m {
             Some(stiffness) => PointResult::Stiffness(stiffness),
             None => PointResult::Failed,

@@ -4,20 +4,21 @@ mod finger;
 mod grid;
 mod picture;
 
+use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::table::Table;
-use super::{DEPTH, only_tets, prepare_scene, validity};
+use super::{DEPTH, validity};
 use crate::gpu::Gpu;
-use crate::mesh::TetMesh;
+use crate::mesh::Topology;
 use crate::number_format::significant;
 use crate::scene::{Scene, scene_hash};
 use crate::{Error, Result, no_progress};
-use finger::{Bench, PressSettings};
+use finger::Bench;
 use flate2::Crc;
 use glam::DVec3;
 use grid::MapGrid;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 
 /// Maximum number of points along a side.
 const MOST: u32 = 1_000;
@@ -86,41 +87,37 @@ impl MapPoint {
 
 /// A map of a body's stiffness.
 pub struct PressMap {
-    scene: Scene,
-    mesh: TetMesh,
+    /// Shared with the threads that press.
+    bench: Arc<Bench>,
+    /// Direction away from the table.
     up: DVec3,
-    radius: f64,
-    depth: f64,
-    /// Metres per file unit, and Poisson's ratio ν.
-    unit: f64,
-    poisson: f64,
     /// Grid of the map.
     grid: MapGrid,
-    spots: Vec<(PressSite, f64)>,
+    sites: Vec<PressSite>,
     points: Vec<MapPoint>,
     /// Grid cell of each point.
     cells: Vec<usize>,
     notes: Vec<String>,
 }
 
-/// Sites of a map, with the fingertip and the depth.
+/// Sites of a map, with the depth.
 struct Sites {
     /// Grid cells and sites.
     fit: Vec<(usize, PressSite)>,
-    radius: f64,
     depth: f64,
     notes: Vec<String>,
 }
 
 impl Sites {
-    /// Selects the sites of `grid` that can be pressed against `up`.
+    /// Selects the sites of `grid` that can be pressed from above `table` with a fingertip of
+    /// `radius`.
     fn new(
         boundary: &Boundary,
         grid: &MapGrid,
-        (up, table): (DVec3, &Table),
+        (table, radius): (&Table, f64),
         wanted: &MapOptions,
     ) -> Result<Sites> {
-        let above = |cell: usize| boundary.first_from_above(up, grid.middle(cell));
+        let above = |cell: usize| boundary.first_from_above(table.up(), grid.middle(cell), radius);
         let found: Vec<(usize, PressSite)> = (0..grid.len())
             .filter_map(|cell| Some((cell, above(cell)?)))
             .collect();
@@ -140,9 +137,6 @@ impl Sites {
                 "body thickness at every press point must be at least {MIN_THICKNESS_RATIO} times the press depth {depth}; reduce --depth"
             )));
         }
-        let radius = wanted
-            .radius
-            .unwrap_or_else(|| boundary.fitting_radius(typical, fit.iter().map(|(_, spot)| spot)));
         let (fit, coarse): (Vec<_>, Vec<_>) = fit
             .into_iter()
             .partition(|(_, spot)| radius >= boundary.edge_near(spot.point, radius));
@@ -167,12 +161,7 @@ impl Sites {
                 coarse.len()
             ));
         }
-        Ok(Sites {
-            fit,
-            radius,
-            depth,
-            notes,
-        })
+        Ok(Sites { fit, depth, notes })
     }
 }
 
@@ -184,46 +173,35 @@ impl PressMap {
     /// [`Error::Input`] for a scene of several bodies, a grid or a cage, invalid numbers, or a body
     /// without a suitable point; otherwise as loading the mesh.
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
-        only_tets(scene)?;
         wanted.check()?;
         let mesh = scene.load_mesh(&no_progress)?;
-        let (mut scene, down) = prepare_scene(scene);
         if let Some(pieces) = validity::in_pieces(&mesh) {
             return Err(Error::Input(pieces));
         }
-        let table = Table::new(&mesh, down)?;
-        scene.pin.push(table.region());
-        let mut up = DVec3::ZERO;
-        let axis = down.abs().max_position();
-        up[axis] = -down[axis].signum();
-        let grid = MapGrid::new(&mesh, up, wanted.points);
-        let boundary = Boundary::new(&mesh);
-        let sites = Sites::new(&boundary, &grid, (up, &table), wanted)?;
-        let spots: Vec<(PressSite, f64)> = sites
-            .fit
-            .iter()
-            .map(|(_, spot)| (*spot, boundary.first_touch(spot, sites.radius)))
-            .collect();
-        let of_mesh = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+        let setup = PressSetup::on_table(scene, &mesh, wanted.radius)?;
+        let table = setup.table.as_ref().ok_or_else(|| {
+            Error::Input("a map needs a body on a table, which this scene does not allow".into())
+        })?;
+        let grid = MapGrid::new(&mesh, table.up(), wanted.points);
+        let boundary = Boundary::new(&mesh, &Topology::new(&mesh), &mesh.nodes);
+        let found = Sites::new(&boundary, &grid, (table, setup.radius), wanted)?;
+        let point = |(_, site): &(usize, PressSite)| MapPoint {
+            point: site.point,
+            pressed: None,
+        };
         Ok(PressMap {
-            poisson: scene.material.poisson_of(&mesh)?,
-            unit: of_mesh.or(mesh.length_unit).unwrap_or(1.0),
-            points: spots
-                .iter()
-                .map(|(spot, _)| MapPoint {
-                    point: spot.point,
-                    pressed: None,
-                })
-                .collect(),
-            cells: sites.fit.iter().map(|(cell, _)| *cell).collect(),
-            scene,
-            mesh,
-            up,
-            radius: sites.radius,
-            depth: sites.depth,
+            up: table.up(),
+            points: found.fit.iter().map(point).collect(),
+            cells: found.fit.iter().map(|(cell, _)| *cell).collect(),
+            sites: found.fit.iter().map(|(_, site)| *site).collect(),
+            bench: Arc::new(Bench {
+                setup,
+                mesh,
+                boundary,
+                depth: found.depth,
+            }),
             grid,
-            spots,
-            notes: sites.notes,
+            notes: found.notes,
         })
     }
 
@@ -239,7 +217,7 @@ impl PressMap {
 
     /// Returns the radius of the fingertip and the press depth, in file units.
     pub fn radius_and_depth(&self) -> [f64; 2] {
-        [self.radius, self.depth]
+        [self.bench.setup.radius, self.bench.depth]
     }
 
     /// Returns a hash of the body, scene, grid and press settings: results with another fingerprint
@@ -256,15 +234,15 @@ impl PressMap {
         // fingerprint.
         let settings = format!(
             "Grid {{ axes: {axes:?}, count: {count:?}, low: {low:?}, step: {step:?} }} {} {}",
-            self.radius, self.depth
+            self.bench.setup.radius, self.bench.depth
         );
         crc.update(settings.as_bytes());
-        for p in &self.mesh.nodes {
+        for p in &self.bench.mesh.nodes {
             p.to_array()
                 .iter()
                 .for_each(|x| crc.update(&x.to_le_bytes()));
         }
-        (u64::from(scene_hash(&self.scene)) << 32) | u64::from(crc.sum())
+        (u64::from(scene_hash(&self.bench.setup.scene)) << 32) | u64::from(crc.sum())
     }
 
     /// Restores earlier results, in the order of the points.
@@ -302,29 +280,16 @@ impl PressMap {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let next = AtomicUsize::new(0);
         let (sender, receiver) = mpsc::channel::<Result<(usize, PointResult)>>();
-        let bench = Bench {
-            gpu,
-            scene: &self.scene.clone(),
-            mesh: &self.mesh.clone(),
-            radius: self.radius,
-        };
-        let settings = PressSettings {
-            up: self.up,
-            depth: self.depth,
-            unit: self.unit,
-            poisson: self.poisson,
-            radius: self.radius,
-        };
-        let spots = self.spots.clone();
+        let (bench, sites) = (self.bench.clone(), self.sites.clone());
         std::thread::scope(|scope| {
             for _ in 0..threads.min(left.len()) {
-                let (sender, left, next, spots) = (sender.clone(), &left, &next, &spots);
-                let (bench, settings) = (&bench, &settings);
+                let (sender, left, next, sites) = (sender.clone(), &left, &next, &sites);
+                let bench = &bench;
                 scope.spawn(move || {
-                    let mut made = bench.finger();
+                    let mut made = bench.finger(gpu);
                     while let Some(k) = left.get(next.fetch_add(1, Ordering::Relaxed)) {
                         let found = match &mut made {
-                            Ok(finger) => finger.press(settings, &spots[*k]),
+                            Ok(finger) => finger.press(sites[*k]),
                             Err(why) => Err(Error::Input(why.to_string())),
                         };
                         // The receiver is dropped after an error.

@@ -26,11 +26,12 @@ impl PressMap {
                 "the map has no results to draw; every press failed".into(),
             ));
         }
-        let mut mesh = self.mesh.clone();
+        let mut mesh = self.bench.mesh.clone();
         let shown = mesh.nodes.iter().map(|p| self.at(*p)).collect();
         mesh.set_field(Field::scalar(FIELD, Location::Node, shown))?;
-        let mut scene = self.scene.clone();
+        let mut scene = self.bench.setup.scene.clone();
         scene.solver.name = None;
+        scene.tool.clear();
         scene.pin.clear();
         scene.plane.clear();
         scene.isosurface.clear();
@@ -51,7 +52,7 @@ impl PressMap {
     /// Returns a camera that looks straight down, with room for a legend in an image of `size`
     /// pixels.
     fn view(&self, size: [u32; 2]) -> CameraEntry {
-        let (low, high) = self.mesh.bounds();
+        let (low, high) = self.bench.mesh.bounds();
         let [across, ahead] = self.grid.axes.map(|axis| (high - low)[axis]);
         let aspect = f64::from(size[0]) / f64::from(size[1].max(1));
         let height = (VIEW_SCALE * ahead).max(VIEW_SCALE * across / (aspect * (1.0 - LEGEND)));

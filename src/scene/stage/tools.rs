@@ -2,10 +2,11 @@
 
 use super::Stage;
 use crate::physics::{ToolId, ToolPose};
+use crate::scene::Motion;
 use crate::{Error, Result};
 use glam::DVec3;
 
-impl Stage {
+impl Motion {
     /// Sets the target of a tool, by its index in the scene: the tool moves there straight within
     /// the next step. The place is in file units, and the tool must not have a path in the scene.
     ///
@@ -13,30 +14,24 @@ impl Stage {
     /// [`Error::Input`](crate::Error::Input) for an unknown tool, or one with a path.
     pub fn set_tool_target(&mut self, number: usize, place: DVec3) -> Result<()> {
         let (id, pose) = self.interactive_tool(number, place)?;
-        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
-        motion.simulator.loads_mut().set_tool_target(id, pose)
+        self.simulator.loads_mut().set_tool_target(id, pose)
     }
 
-    /// As [`Stage::set_tool_target`], but moves the tool at once, without collision detection.
+    /// As [`Motion::set_tool_target`], but moves the tool at once, without collision detection.
     ///
     /// # Errors
-    /// As [`Stage::set_tool_target`].
+    /// As [`Motion::set_tool_target`].
     pub fn teleport_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
         let (id, pose) = self.interactive_tool(number, place)?;
-        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
-        motion.simulator.loads_mut().teleport_tool(id, pose)
+        self.simulator.loads_mut().teleport_tool(id, pose)
     }
 
     /// Returns a tool without a path, and its pose at `place`.
     fn interactive_tool(&self, number: usize, place: DVec3) -> Result<(ToolId, ToolPose)> {
-        let motion = self.motion().ok_or_else(|| no_tool(number))?;
-        let tool = motion
-            .time_dependent_loads
-            .tools
-            .get(number)
-            .filter(|t| !t.moves());
+        let tools = &self.time_dependent_loads.tools;
+        let tool = tools.get(number).filter(|t| !t.moves());
         let id = tool.ok_or_else(|| no_tool(number))?.id;
-        let turn = motion.simulator.loads().tool(id)?.turn();
+        let turn = self.simulator.loads().tool(id)?.turn();
         Ok((id, ToolPose::new(place, turn)))
     }
 
@@ -48,10 +43,38 @@ impl Stage {
     ///
     /// [`Simulator::tool_forces`]: crate::physics::Simulator::tool_forces
     pub fn tool_force(&mut self, number: usize) -> Result<DVec3> {
-        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
-        let forces = motion.simulator.tool_forces()?;
+        let forces = self.simulator.tool_forces()?;
         let force = forces.get(number).map(|on| on.force);
         force.ok_or_else(|| Error::Input(format!("unknown tool {number} (counted from 0)")))
+    }
+}
+
+impl Stage {
+    /// As [`Motion::set_tool_target`].
+    ///
+    /// # Errors
+    /// As [`Motion::set_tool_target`], and [`Error::Input`](crate::Error::Input) for a static body.
+    pub fn set_tool_target(&mut self, number: usize, place: DVec3) -> Result<()> {
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        motion.set_tool_target(number, place)
+    }
+
+    /// As [`Motion::teleport_tool`].
+    ///
+    /// # Errors
+    /// As [`Stage::set_tool_target`].
+    pub fn teleport_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        motion.teleport_tool(number, place)
+    }
+
+    /// As [`Motion::tool_force`].
+    ///
+    /// # Errors
+    /// As [`Motion::tool_force`], and [`Error::Input`](crate::Error::Input) for a static body.
+    pub fn tool_force(&mut self, number: usize) -> Result<DVec3> {
+        let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
+        motion.tool_force(number)
     }
 }
 

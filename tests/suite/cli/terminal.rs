@@ -260,7 +260,16 @@ fn press_prints_json() {
         "{pressed}"
     );
     let out = at("map");
-    let map = reported(&["press", text(&scene), "--map", "3x3", "--out", text(&out)]);
+    let map = reported(&[
+        "press",
+        text(&scene),
+        "--map",
+        "3x3",
+        "--radius",
+        "0.02",
+        "--out",
+        text(&out),
+    ]);
     assert_eq!(map, written(&out.join("map.json")));
     assert_eq!(map["grid"], serde_json::json!([3, 3]));
     assert_eq!(map["pressed"], map["points"]);

@@ -7,7 +7,6 @@ mod press;
 mod stepping;
 
 pub use edits::RebuildRequest;
-pub use press::Sample;
 
 use crate::body_edits::BodyEditHistory;
 use crate::loading::ReadScan;
@@ -16,6 +15,7 @@ use glam::{DVec2, DVec3};
 use palpate::gpu::Recorder;
 use palpate::mesh::{Blade, TetMesh};
 use palpate::physics::GrabId;
+use palpate::press::PressSession;
 use palpate::render::{Camera, Pick};
 use palpate::scene::{PendingImage, Scene, SkinEntry, Stage};
 use palpate::{Error, Result};
@@ -23,8 +23,6 @@ use press::Press;
 use std::sync::Arc;
 use web_time::Instant;
 
-/// Default time step, s.
-const STEP: f64 = 0.02;
 /// Session of an open body.
 pub struct BodySession {
     stage: Stage,
@@ -36,8 +34,8 @@ pub struct BodySession {
     pub unit: f64,
     /// Radius of the finger, in file units.
     pub radius: f64,
-    /// Tool index of the finger, or why the body cannot be pressed on.
-    finger: std::result::Result<usize, String>,
+    /// The fingertip, or why the body cannot be pressed on.
+    fingertip: std::result::Result<PressSession, String>,
     press: Option<Press>,
     /// The grab, its initial position, and its displacement.
     grab: Option<(GrabId, DVec3, DVec3)>,
@@ -51,15 +49,11 @@ pub struct BodySession {
     read: (Vec<ReadScan>, Vec<SkinEntry>),
     /// The recorded series, if one is shown.
     pub player: Option<Player>,
-    /// Samples since the last press began.
-    pub samples: Vec<Sample>,
     /// Whether the simulation is playing.
     pub playing: bool,
     /// Simulated seconds per second.
     pub speed: f64,
     owed: f64,
-    /// Why forces at the present press site have no meaning.
-    site_warning: Option<String>,
     /// Whether the scene has time-dependent loads.
     timed: bool,
     /// Whether an interaction since the last step requires a new step.

@@ -2,99 +2,68 @@
 
 use super::{BodySession, still};
 use glam::DVec3;
-use palpate::mesh::{TetMesh, Topology};
 use palpate::physics::GrabMode;
-use palpate::press::contact_problem;
+use palpate::press::{PressSample, PressSession};
 use palpate::render::Pick;
 use palpate::{Error, Result};
 use web_time::Instant;
 
-/// Default finger radius relative to the body's diagonal, and its minimum in boundary edge lengths.
-const RADIUS: f64 = 0.04;
-const EDGES: f64 = 1.5;
-/// Maximum advance of the finger per step, relative to its radius.
-const MAX_STEP_ADVANCE: f64 = 0.06;
 /// Distance above the surface at which a retracted finger is parked, relative to its radius.
 const RETRACT_DISTANCE: f64 = 0.5;
-/// Distance of the parked finger from the body's centre, in body diagonals.
-const PARKED_DISTANCE: f64 = 20.0;
 /// Radius of a grab, relative to the finger's radius.
 const GRAB_RADIUS: f64 = 1.0;
 
-/// Measurement of one step of a press.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
-    /// Simulated time since the body was opened, s.
-    pub time_s: f64,
-    /// Indentation depth of the fingertip from first contact, m.
-    pub depth_m: f64,
-    /// Force of the body on the finger along its path, N.
-    pub force_n: f64,
-}
-
-/// A finger that presses or retracts.
+/// A finger that presses or retracts; depths in file units.
 pub(super) struct Press {
-    /// Contact point and outward normal.
-    spot: DVec3,
-    out: DVec3,
-    /// Current and target depth, in file units.
-    gone: f64,
-    goal: f64,
+    /// Target depth.
+    target: f64,
     /// Depth before the last step, and maximum depth.
-    before: f64,
+    previous: f64,
     most: f64,
-    /// Whether the finger is being retracted.
-    ends: bool,
+    is_retracting: bool,
     /// Whether a step was requested at the current depth.
     stepped: bool,
-}
-
-impl Press {
-    /// Whether the finger is on its way, or being retracted.
-    pub fn is_moving(&self) -> bool {
-        self.gone != self.goal || self.ends
-    }
 }
 
 impl BodySession {
     /// Returns why the body cannot be pressed on, if so.
     pub fn cannot_press(&self) -> Option<&str> {
-        self.finger.as_ref().err().map(String::as_str)
+        self.fingertip.as_ref().err().map(String::as_str)
     }
 
-    /// Places the finger on the body at `pick`; `sight` is the viewing direction.
+    /// Places the finger on the body at `pick`.
     ///
     /// # Errors
     /// [`Error::Input`] if the body cannot be pressed on.
-    pub fn press(&mut self, pick: &Pick, sight: DVec3) -> Result<()> {
-        let finger = *self
-            .finger
-            .as_ref()
-            .map_err(|why| Error::Input(why.clone()))?;
-        let out = self.outward(pick, sight)?;
-        self.stage
-            .teleport_tool(finger, pick.point + 1.02 * self.radius * out)?;
-        self.samples.clear();
+    pub fn press(&mut self, pick: &Pick) -> Result<()> {
+        let diagonal = self.diagonal();
+        let session = self.fingertip.as_mut();
+        let session = session.map_err(|why| Error::Input(why.clone()))?;
+        session.touch(&mut self.stage, pick.point)?;
         self.failed = false;
         self.stirred = true;
         self.press = Some(Press {
-            spot: pick.point,
-            out,
-            gone: -0.02 * self.radius,
-            goal: 0.0,
-            before: -0.02 * self.radius,
-            most: 0.5 * self.diagonal(),
-            ends: false,
+            target: 0.0,
+            previous: session.depth().unwrap_or(0.0),
+            most: 0.5 * diagonal,
+            is_retracting: false,
             stepped: false,
         });
         Ok(())
     }
 
+    /// Whether the finger is on its way, or being retracted.
+    pub(super) fn finger_moves(&self) -> bool {
+        let depth = self.fingertip.as_ref().ok().and_then(PressSession::depth);
+        let moves = |press: &Press| depth != Some(press.target) || press.is_retracting;
+        self.press.as_ref().is_some_and(moves)
+    }
+
     /// Sets the target depth of the finger, in file units.
     pub fn press_to(&mut self, depth: f64) {
-        if let Some(press) = self.press.as_mut().filter(|p| !p.ends) {
-            let goal = depth.clamp(0.0, press.most.max(0.0));
-            if goal != std::mem::replace(&mut press.goal, goal) {
+        if let Some(press) = self.press.as_mut().filter(|p| !p.is_retracting) {
+            let target = depth.clamp(0.0, press.most.max(0.0));
+            if target != std::mem::replace(&mut press.target, target) {
                 self.asked[0].get_or_insert_with(Instant::now);
             }
         }
@@ -102,119 +71,106 @@ impl BodySession {
 
     /// Returns the target depth, in file units; `None` without a press.
     pub fn depth(&self) -> Option<f64> {
-        self.press.as_ref().filter(|p| !p.ends).map(|p| p.goal)
+        let press = self.press.as_ref().filter(|p| !p.is_retracting);
+        press.map(|p| p.target)
+    }
+
+    /// Returns the samples since the last press began.
+    pub fn samples(&self) -> &[PressSample] {
+        self.fingertip.as_ref().map_or(&[], PressSession::samples)
     }
 
     /// Returns the force of the last step of a press, N; `None` without a press.
     pub fn force(&self) -> Option<f64> {
-        let last = self.samples.last().filter(|_| self.press.is_some());
+        let last = self.samples().last().filter(|_| self.press.is_some());
         last.map(|sample| sample.force_n)
     }
 
     /// Returns why the force of the press has no meaning at present; `None` without a press.
     pub fn press_warning(&self) -> Option<String> {
-        self.press.as_ref()?;
-        let samples: Vec<[f64; 2]> = self
-            .samples
-            .iter()
-            .map(|s| [s.depth_m, s.force_n])
-            .collect();
-        let problem = contact_problem(&samples).map(|problem| problem.to_string());
-        problem.or_else(|| self.site_warning.clone())
+        self.fingertip.as_ref().ok()?.problem()
     }
 
     /// Retracts the finger.
     pub fn retract(&mut self) {
         if let Some(press) = &mut self.press {
-            press.goal = -RETRACT_DISTANCE * self.radius;
-            press.ends = true;
+            press.target = -RETRACT_DISTANCE * self.radius;
+            press.is_retracting = true;
         }
-    }
-
-    /// Returns the outward normal around a pick, averaged over the boundary faces within the
-    /// finger's radius; notes whether they are larger than the finger.
-    fn outward(&mut self, pick: &Pick, sight: DVec3) -> Result<DVec3> {
-        let x = self.stage.drawn_positions()?;
-        let (mesh, topology) = match self.stage.motion() {
-            Some(motion) => (self.stage.mesh(), motion.simulator.topology()),
-            None => return Ok(-sight),
-        };
-        let (mut out, mut edges, mut count) = (DVec3::ZERO, 0.0, 0);
-        for face in &topology.boundary {
-            let [a, b, c] = topology.boundary_nodes(mesh, *face).map(|v| x[v as usize]);
-            let middle = (a + b + c) / 3.0;
-            let normal = (b - a).cross(c - a);
-            // Skip back faces: in thin parts both sides are within the radius.
-            if middle.distance(pick.point) <= self.radius && normal.dot(sight) < 0.0 {
-                out += normal;
-                edges += (a.distance(b) + b.distance(c) + c.distance(a)) / 3.0;
-                count += 1;
-            }
-        }
-        let coarse = count == 0 || self.radius < edges / f64::from(count);
-        self.site_warning = coarse.then(|| {
-            "force not valid: the finger is smaller than the faces beneath it; use a larger finger or a finer mesh".into()
-        });
-        Ok(out.normalize_or(-sight))
     }
 
     /// Moves the finger towards its target depth by as much as a step allows.
     pub(super) fn advance_finger(&mut self) -> Result<()> {
-        if let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) {
-            let most = MAX_STEP_ADVANCE * self.radius;
-            // Retraction is faster than pressing.
-            let by = (press.goal - press.gone).clamp(-8.0 * most, most);
-            press.before = press.gone;
-            press.gone += by;
+        if let (Some(press), Ok(session), Some(motion)) = (
+            &mut self.press,
+            &mut self.fingertip,
+            self.stage.motion_mut(),
+        ) {
+            press.previous = session.depth().unwrap_or(press.previous);
             press.stepped = true;
-            let place = press.spot + (self.radius - press.gone) * press.out;
-            self.stage.set_tool_target(*finger, place)?;
+            session.aim(motion, session.next_depth(press.target))?;
             self.asked[1] = self.asked[0].take();
         }
         Ok(())
     }
 
-    /// Retracts the finger to its last position after a failed contact step. Returns whether there
-    /// is a finger.
+    /// Moves the finger back to its last position after a failed contact step. Returns whether
+    /// there is a finger.
     pub(super) fn backs_off(&mut self) -> bool {
         self.under_way = false;
-        let radius = self.radius;
-        let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) else {
+        let (Some(press), Ok(session), Some(motion)) = (
+            &mut self.press,
+            &mut self.fingertip,
+            self.stage.motion_mut(),
+        ) else {
             return false;
         };
-        if press.gone <= press.before {
+        if session.depth().is_none_or(|depth| depth <= press.previous) {
             return false;
         }
-        press.gone = press.before;
-        press.goal = press.goal.min(press.gone);
-        press.most = press.gone;
+        press.target = press.target.min(press.previous);
+        press.most = press.previous;
         press.stepped = false;
-        let place = press.spot + (radius - press.gone) * press.out;
         self.stirred = true;
-        self.stage.set_tool_target(*finger, place).is_ok()
+        session.aim(motion, press.previous).is_ok()
     }
 
     /// Records a sample and parks a retracted finger; call between two steps.
     pub(super) fn settle(&mut self) -> Result<()> {
-        let (Some(press), Ok(finger)) = (&mut self.press, &self.finger) else {
+        let (Some(press), Ok(session), Some(motion)) = (
+            &mut self.press,
+            &mut self.fingertip,
+            self.stage.motion_mut(),
+        ) else {
             return Ok(());
         };
-        let finger = *finger;
         if std::mem::take(&mut press.stepped) {
-            let (depth, out) = (press.gone, press.out);
-            let force = self.stage.tool_force(finger)?.dot(out);
-            self.samples.push(Sample {
-                time_s: self.stage.time(),
-                depth_m: depth * self.unit,
-                force_n: force,
-            });
+            let phase = if press.is_retracting {
+                "unload"
+            } else {
+                "load"
+            };
+            session.measure(motion, phase)?;
         }
-        if press.ends && press.gone <= press.goal {
+        if press.is_retracting && session.depth().is_none_or(|depth| depth <= press.target) {
             self.press = None;
-            self.stage.teleport_tool(finger, put_away(self.bounds))?;
+            session.park(motion)?;
             self.version += 1;
         }
         Ok(())
+    }
+
+    /// Takes the finger away after a failure.
+    pub(super) fn remove_finger(&mut self) {
+        if let (Some(_), Ok(session), Some(motion)) = (
+            self.press.take(),
+            &mut self.fingertip,
+            self.stage.motion_mut(),
+        ) {
+            // If that fails too, the finger stays in the picture.
+            let _ = session.park(motion);
+            self.version += 1;
+        }
     }
 
     /// Grabs the nodes around `pick`.
@@ -258,21 +214,73 @@ impl BodySession {
     }
 }
 
-/// Returns the parking position of a finger for a body with these bounds.
-pub(super) fn put_away((low, high): (DVec3, DVec3)) -> DVec3 {
-    0.5 * (low + high) + DVec3::splat(PARKED_DISTANCE * low.distance(high))
-}
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use palpate::gpu::Gpu;
+    use palpate::mesh::Topology;
+    use palpate::no_progress;
+    use palpate::press::{Press as CommandPress, PressOptions, default_radius};
+    use palpate::scene::Scene;
+    use std::sync::Arc;
 
-/// Returns the default finger radius for a body.
-pub(super) fn fitting_radius(mesh: &TetMesh) -> f64 {
-    let (low, high) = mesh.bounds();
-    let topology = Topology::new(mesh);
-    let edges = topology.boundary.iter().map(|face| {
-        let [a, b, c] = topology
-            .boundary_nodes(mesh, *face)
-            .map(|v| mesh.nodes[v as usize]);
-        (a.distance(b) + b.distance(c) + c.distance(a)) / 3.0
-    });
-    let edge = edges.sum::<f64>() / topology.boundary.len().max(1) as f64;
-    (RADIUS * low.distance(high)).max(EDGES * edge)
+    /// Bodies on which the command, the window and the Python package must agree; the Python tests
+    /// have the same list.
+    const BODIES: [(&str, u32); 4] = [
+        ("box", 1500),
+        ("ball", 1500),
+        ("breast", 4000),
+        ("limb", 4000),
+    ];
+
+    #[test]
+    fn window_measures_force_of_command() {
+        let gpu = Gpu::new().unwrap();
+        for (name, tets) in BODIES {
+            let text = format!("[mesh]\ngenerate = \"{name}\"\ntets = {tets}\n");
+            let scene = Scene::parse(&text).unwrap();
+            let mesh = scene.load_mesh(&no_progress).unwrap();
+            let radius = default_radius(&mesh, &Topology::new(&mesh));
+            let wanted = PressOptions {
+                depth: Some(0.5 * radius),
+                ..PressOptions::default()
+            };
+            let mut command = CommandPress::new(&gpu, &scene, &wanted).unwrap();
+            for _ in 0..12 {
+                command.advance().unwrap();
+            }
+            let mut window = BodySession::new(&gpu, &scene, Arc::new(mesh), None).unwrap();
+            assert_eq!(window.radius, radius);
+            let pick = Pick {
+                node: 0,
+                tet: 0,
+                face: 0,
+                nodes: [0; 3],
+                weights: [0.0; 3],
+                point: command.site().point,
+                distance: 0.0,
+            };
+            window.press(&pick).unwrap();
+            for sample in command.samples() {
+                window.press_to(sample.depth_m / window.unit);
+                window.step().unwrap();
+                while window.stage_mut().poll_steps().unwrap() {
+                    std::thread::sleep(std::time::Duration::from_millis(1));
+                }
+                window.settle().unwrap();
+            }
+            let (theirs, ours) = (command.samples(), window.samples());
+            assert_eq!(theirs.len(), ours.len());
+            let most = theirs.iter().map(|s| s.force_n).fold(0.0, f64::max);
+            assert!(most > 0.0, "{name}");
+            for (a, b) in theirs.iter().zip(ours) {
+                assert!(
+                    (a.force_n - b.force_n).abs() < 1e-9 * most,
+                    "{name}: {a:?} {b:?}"
+                );
+            }
+            assert_eq!(window.time(), 0.0, "quasi-static steps take no time");
+        }
+    }
 }

@@ -1,9 +1,9 @@
 //! Steps in real time.
 
-use super::press::{Press, put_away};
-use super::{BodySession, STEP};
+use super::BodySession;
 use eframe::egui;
 use palpate::physics::{Engine, StepCallback};
+use palpate::press::PressSession;
 use palpate::scene::Motion;
 use palpate::{Error, Result};
 use std::time::Duration;
@@ -21,8 +21,18 @@ impl BodySession {
     pub fn time(&self) -> f64 {
         match &self.player {
             Some(player) => player.series().time(player.shown()),
-            None => self.stage.time(),
+            None => {
+                let fingertip = self.fingertip.as_ref();
+                self.stage.time() - fingertip.map_or(0.0, PressSession::static_time)
+            }
         }
+    }
+
+    /// Returns the interval between steps at normal speed, s; `None` for a static body.
+    fn step_interval(&self) -> Option<f64> {
+        let motion = self.stage.motion()?;
+        let fingertip = self.fingertip.as_ref();
+        Some(fingertip.map_or(motion.dt, PressSession::idle_step))
     }
 
     /// Sets the callback for completed steps.
@@ -37,7 +47,7 @@ impl BodySession {
 
     /// Whether the state changes without further input.
     fn is_busy(&self) -> bool {
-        let goes = self.press.as_ref().is_some_and(Press::is_moving);
+        let goes = self.finger_moves();
         let awake = |m: &Motion| !m.asleep() || self.stirred || self.timed;
         let steps = self.playing || self.touched();
         let awake = steps && self.stage.motion().is_some_and(awake);
@@ -62,7 +72,7 @@ impl BodySession {
             (true, Engine::Gpu) => Some(POLL_INTERVAL),
             (true, _) => None,
             (false, _) => {
-                let left = (motion.dt - self.owed).max(0.0) / self.speed;
+                let left = (self.step_interval()? - self.owed).max(0.0) / self.speed;
                 Some(Duration::from_secs_f64(left.clamp(1e-3, 1.0)))
             }
         }
@@ -117,15 +127,14 @@ impl BodySession {
         if let Err(why) = self.cut_asked() {
             self.remark = Some(format!("cut failed: {why}"));
         }
-        if self.stage.motion().is_none() {
+        let Some(interval) = self.step_interval() else {
             return;
-        }
+        };
         if let Err(why) = self.settle() {
             return self.fail(&why);
         }
-        let dt = self.stage.motion().map_or(STEP, |m| m.dt);
-        if self.is_busy() && self.owed >= dt {
-            self.owed = (self.owed - dt).min(dt);
+        if self.is_busy() && self.owed >= interval {
+            self.owed = (self.owed - interval).min(interval);
             if let Err(why) = self.step() {
                 self.fail(&why);
             }
@@ -139,11 +148,7 @@ impl BodySession {
         self.under_way = false;
         self.playing = false;
         self.owed = 0.0;
-        if let (Some(_), Ok(finger)) = (self.press.take(), &self.finger) {
-            // If that fails too, the finger stays in the picture.
-            let _ = self.stage.teleport_tool(*finger, put_away(self.bounds));
-            self.version += 1;
-        }
+        self.remove_finger();
     }
 
     fn count(&mut self, now: Instant) {

@@ -166,7 +166,7 @@ impl App {
         });
         let Some(show) = &self.show else { return };
         let points: PlotPoints<'_> = show
-            .samples
+            .samples()
             .iter()
             .map(|s| [1e3 * s.depth_m, s.force_n])
             .collect();
@@ -176,7 +176,7 @@ impl App {
             .y_axis_label("Force (N)")
             .allow_scroll(false)
             .show(ui, |plot| plot.line(Curve::new("press", points)));
-        let measured = !show.samples.is_empty();
+        let measured = !show.samples().is_empty();
         if ui
             .add_enabled(measured, egui::Button::new("Save as CSV…"))
             .clicked()

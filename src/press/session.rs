@@ -1,0 +1,335 @@
+//! A fingertip on a body, placed and advanced step by step. The command, maps, the window and the
+//! Python package all press with it, so that they measure the same force at the same depth.
+
+use super::curve::PressSample;
+use super::setup::PressSetup;
+use super::site::{Boundary, PressSite};
+use super::validity::{body_warnings, contact_problem};
+use crate::physics::DiscreteModel;
+use crate::scene::{Motion, Stage};
+use crate::{Error, FailureCause, Result};
+use glam::DVec3;
+
+/// Initial distance of the fingertip from the body, relative to its radius.
+pub(super) const INITIAL_CLEARANCE: f64 = 0.02;
+/// Largest number of steps into which a step that would invert tets is split.
+const MAX_SUBSTEPS: u32 = 16;
+/// Time step over the time in which a shear wave crosses the body: inertia is negligible even for
+/// slender bodies, whose lowest frequencies are far below the inverse of that time.
+const STEP_IN_CROSSINGS: f64 = 1e4;
+/// Time step of a body of unknown stiffness, s.
+const STEP: f64 = 100.0;
+/// Largest advance and withdrawal of an interactive press in a step, relative to the radius.
+const MAX_ADVANCE: f64 = 0.06;
+const MAX_WITHDRAWAL: f64 = 8.0 * MAX_ADVANCE;
+
+/// The fingertip of a body, and the press in progress.
+#[derive(Clone, Debug)]
+pub struct PressSession {
+    setup: PressSetup,
+    /// Metres per file unit.
+    unit: f64,
+    /// Time steps during and between presses, s.
+    press_dt: f64,
+    idle_dt: f64,
+    contact: Option<Contact>,
+    samples: Vec<PressSample>,
+    /// Time passed in quasi-static steps, without physical meaning, s.
+    static_time: f64,
+}
+
+/// A placed fingertip; lengths in file units.
+#[derive(Clone, Debug)]
+struct Contact {
+    site: PressSite,
+    /// Distance of the fingertip's centre from the site along the outward direction at first
+    /// contact.
+    touch: f64,
+    depth: f64,
+    /// Simulated time before the step, s.
+    time: f64,
+    /// Poisson's ratio of the tissue at the site.
+    poisson: Option<f64>,
+    /// Why a press there cannot be measured.
+    warnings: Vec<String>,
+}
+
+impl PressSession {
+    /// Creates the session of `motion`, which simulates the scene of `setup`.
+    pub fn new(setup: PressSetup, motion: &Motion) -> PressSession {
+        let press_dt = match setup.quasi_static {
+            true => quasi_static_step(motion),
+            false => motion.dt,
+        };
+        PressSession {
+            unit: motion.length_unit(),
+            press_dt,
+            idle_dt: motion.dt,
+            setup,
+            contact: None,
+            samples: Vec::new(),
+            static_time: 0.0,
+        }
+    }
+
+    /// Places the fingertip in front of the boundary point nearest to `point`, in file units, of
+    /// the body in its present configuration, and starts a new curve.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a static body; errors of reading the body back.
+    pub fn touch(&mut self, stage: &mut Stage, point: DVec3) -> Result<PressSite> {
+        let x = stage.drawn_positions()?;
+        let motion = stage.motion_mut().ok_or_else(static_body)?;
+        let (mesh, topology) = (motion.simulator.mesh(), motion.simulator.topology());
+        let boundary = Boundary::new(mesh, topology, &x);
+        let site = boundary.site_at(point, self.setup.radius);
+        self.touch_site(motion, &boundary, site)?;
+        Ok(site)
+    }
+
+    /// As [`PressSession::touch`], at a site of the `boundary` of the body.
+    pub(super) fn touch_site(
+        &mut self,
+        motion: &mut Motion,
+        boundary: &Boundary,
+        site: PressSite,
+    ) -> Result<()> {
+        let radius = self.setup.radius;
+        let contact = Contact {
+            site,
+            touch: boundary.first_touch(&site, radius),
+            depth: -INITIAL_CLEARANCE * radius,
+            time: motion.time(),
+            poisson: boundary
+                .tet_at(site.point)
+                .and_then(|t| poisson_of_tet(motion, t)),
+            warnings: body_warnings(motion.simulator.mesh(), boundary, &site, radius),
+        };
+        motion.teleport_tool(self.setup.tool, contact.place(contact.depth))?;
+        motion.dt = self.press_dt;
+        self.contact = Some(contact);
+        self.samples.clear();
+        Ok(())
+    }
+
+    /// Sets the depth, in file units, to which the next step of `motion` takes the fingertip.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without a placed fingertip.
+    pub fn aim(&mut self, motion: &mut Motion, depth: f64) -> Result<()> {
+        let contact = self.contact.as_mut().ok_or_else(not_placed)?;
+        motion.set_tool_target(self.setup.tool, contact.place(depth))?;
+        contact.depth = depth;
+        contact.time = motion.time();
+        Ok(())
+    }
+
+    /// Returns the force at the depth of [`PressSession::aim`], after the step, and adds it to the
+    /// curve.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without a placed fingertip; otherwise as
+    /// [`Motion::tool_force`](crate::scene::Motion::tool_force).
+    pub fn measure(&mut self, motion: &mut Motion, phase: &'static str) -> Result<PressSample> {
+        let contact = self.contact.as_ref().ok_or_else(not_placed)?;
+        let sample = PressSample {
+            time_s: motion.time(),
+            phase,
+            depth_m: self.unit * contact.depth,
+            force_n: motion
+                .tool_force(self.setup.tool)?
+                .dot(contact.site.outward),
+        };
+        if self.setup.quasi_static {
+            self.static_time += motion.time() - contact.time;
+        }
+        self.samples.push(sample);
+        Ok(sample)
+    }
+
+    /// Moves the fingertip to `depth`, in file units, and measures there; in several steps if one
+    /// would invert tets. `None` if tets still invert: the fingertip is then where the last valid
+    /// step took it.
+    ///
+    /// # Errors
+    /// As a simulation step: the fingertip cannot advance where the body cannot yield.
+    pub fn press_to(
+        &mut self,
+        motion: &mut Motion,
+        depth: f64,
+        phase: &'static str,
+    ) -> Result<Option<PressSample>> {
+        let (mut parts, mut done) = (1, 0);
+        let mut start = self.depth().ok_or_else(not_placed)?;
+        let mut reached = start;
+        while done < parts {
+            let next = match done + 1 == parts {
+                true => depth,
+                false => start + (depth - start) * f64::from(done + 1) / f64::from(parts),
+            };
+            self.aim(motion, next)?;
+            match motion.run(1, &mut |_| {}) {
+                Ok(()) => {
+                    reached = next;
+                    done += 1;
+                }
+                Err(Error::Solver {
+                    cause: FailureCause::InvertedTets,
+                    ..
+                }) => {
+                    if let Some(contact) = &mut self.contact {
+                        contact.depth = reached;
+                    }
+                    if parts >= MAX_SUBSTEPS {
+                        return Ok(None);
+                    }
+                    (parts, done, start) = (4 * parts, 0, reached);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        self.measure(motion, phase).map(Some)
+    }
+
+    /// Takes one step of an interactive press towards the depth `goal`, in file units, and measures
+    /// there. Returns false if the step failed: the fingertip is then where it was before.
+    ///
+    /// # Errors
+    /// As a simulation step that fails although the fingertip does not advance.
+    pub fn step_towards(
+        &mut self,
+        motion: &mut Motion,
+        goal: f64,
+        phase: &'static str,
+    ) -> Result<bool> {
+        let before = self.depth().ok_or_else(not_placed)?;
+        let next = self.next_depth(goal);
+        self.aim(motion, next)?;
+        match motion.run(1, &mut |_| {}) {
+            Ok(()) => self.measure(motion, phase).map(|_| true),
+            Err(Error::Solver { .. }) if next > before => {
+                self.aim(motion, before)?;
+                Ok(false)
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Returns the depth of the next step of an interactive press towards `goal`, in file units.
+    pub fn next_depth(&self, goal: f64) -> f64 {
+        let depth = self.depth().unwrap_or(goal);
+        let radius = self.setup.radius;
+        depth + (goal - depth).clamp(-MAX_WITHDRAWAL * radius, MAX_ADVANCE * radius)
+    }
+
+    /// Takes the fingertip away from the body, at once. The curve is kept.
+    ///
+    /// # Errors
+    /// As [`Motion::teleport_tool`](crate::scene::Motion::teleport_tool).
+    pub fn park(&mut self, motion: &mut Motion) -> Result<()> {
+        self.contact = None;
+        motion.dt = self.idle_dt;
+        motion.teleport_tool(self.setup.tool, self.setup.parking)
+    }
+
+    /// Returns what the session was created from.
+    pub fn setup(&self) -> &PressSetup {
+        &self.setup
+    }
+
+    /// Returns the assumptions, as text.
+    pub fn notes(&self) -> Vec<String> {
+        self.setup.notes(self.press_dt)
+    }
+
+    /// Returns the radius of the fingertip, in file units.
+    pub fn radius(&self) -> f64 {
+        self.setup.radius
+    }
+
+    /// Returns metres per file unit.
+    pub fn unit(&self) -> f64 {
+        self.unit
+    }
+
+    /// Returns the time step of presses, s.
+    pub fn step(&self) -> f64 {
+        self.press_dt
+    }
+
+    /// Returns the time step between presses, s.
+    pub fn idle_step(&self) -> f64 {
+        self.idle_dt
+    }
+
+    /// Returns the site of the press, if the fingertip is placed.
+    pub fn site(&self) -> Option<&PressSite> {
+        self.contact.as_ref().map(|contact| &contact.site)
+    }
+
+    /// Returns the depth of the fingertip, in file units, if it is placed.
+    pub fn depth(&self) -> Option<f64> {
+        self.contact.as_ref().map(|contact| contact.depth)
+    }
+
+    /// Returns Poisson's ratio of the tissue at the site, if it is known.
+    pub fn poisson(&self) -> Option<f64> {
+        self.contact.as_ref().and_then(|contact| contact.poisson)
+    }
+
+    /// Returns the curve since the fingertip was placed last.
+    pub fn samples(&self) -> &[PressSample] {
+        &self.samples
+    }
+
+    /// Returns the time passed in quasi-static steps, which has no physical meaning, s.
+    pub fn static_time(&self) -> f64 {
+        self.static_time
+    }
+
+    /// Returns why presses at the site cannot be measured, one sentence each.
+    pub fn site_warnings(&self) -> &[String] {
+        self.contact.as_ref().map_or(&[], |c| c.warnings.as_slice())
+    }
+
+    /// Returns why the force of the last sample has no meaning, if so.
+    pub fn problem(&self) -> Option<String> {
+        let contact = self.contact.as_ref()?;
+        let curve = self.samples.iter().map(|s| [s.depth_m, s.force_n]);
+        let problem = contact_problem(&curve.collect::<Vec<_>>());
+        let problem = problem.map(|problem| problem.to_string());
+        problem.or_else(|| contact.warnings.first().cloned())
+    }
+}
+
+impl Contact {
+    /// Returns the position of the fingertip's centre at a depth.
+    fn place(&self, depth: f64) -> DVec3 {
+        self.site.point + (self.touch - depth) * self.site.outward
+    }
+}
+
+/// Returns the time step of `motion` at which inertia and damping are negligible, s.
+fn quasi_static_step(motion: &Motion) -> f64 {
+    let model = motion.simulator.network();
+    let crossing = model.and_then(DiscreteModel::wave_crossing_time);
+    crossing.map_or(STEP, |time| STEP_IN_CROSSINGS * time)
+}
+
+/// Returns Poisson's ratio of a tet at small strain; `None` for springs and rigid regions.
+fn poisson_of_tet(motion: &Motion, tet: u32) -> Option<f64> {
+    let nodes = motion.simulator.mesh().tets.get(tet as usize)?;
+    let elements = &motion.simulator.network()?.elements;
+    let element = elements.tets.iter().find(|e| e.nodes == *nodes)?;
+    let [mu, lambda] = element.small_strain(elements.law);
+    // Without the rounding of λ and μ.
+    Some((1e9 * lambda / (2.0 * (lambda + mu))).round() / 1e9)
+}
+
+pub(super) fn static_body() -> Error {
+    Error::Input("a static body cannot be pressed; set [solver] name".into())
+}
+
+fn not_placed() -> Error {
+    Error::Input("the fingertip is not placed on the body; place it first".into())
+}

@@ -1,0 +1,167 @@
+//! The scene of a press: a body on a table, with a fingertip.
+
+use super::site::default_radius;
+use super::table::Table;
+use crate::mesh::{TetMesh, Topology};
+use crate::number_format::significant;
+use crate::physics::{Engine, EngineChoice, SolverKind};
+use crate::scene::{Scene, SphereEntry, ToolEntry};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Time step between presses of a body without a solver, s.
+const STEP: f64 = 0.02;
+/// Distance of the parked fingertip from the body's centre, in body diagonals.
+const PARKING_DISTANCE: f64 = 20.0;
+/// Name of the fingertip among the tools.
+const NAME: &str = "fingertip";
+
+/// A scene with a fingertip that waits far from the body.
+#[derive(Clone, Debug)]
+pub struct PressSetup {
+    /// The scene to simulate.
+    pub scene: Scene,
+    /// Number of the fingertip among the scene's kinematic tools.
+    pub(super) tool: usize,
+    /// Radius of the fingertip, in file units.
+    pub radius: f64,
+    /// Where it waits, in file units.
+    pub(super) parking: DVec3,
+    /// The table, unless the scene supports the body.
+    pub(super) table: Option<Table>,
+    /// Whether each step of a press is one of static equilibrium.
+    pub(super) quasi_static: bool,
+}
+
+impl PressSetup {
+    /// Places the body of `scene`, which is `mesh`, on a table and fixes its lowest part along
+    /// gravity there. Loads, grabs, prescribed motions, cuts, tools and the floor of the scene are
+    /// left out, pins are kept. A `radius` that is not given is chosen from the body's shape.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scene of several bodies, a grid, a cage or a deformed mesh, or a body
+    /// that cannot be supported.
+    pub fn on_table(scene: &Scene, mesh: &TetMesh, radius: Option<f64>) -> Result<PressSetup> {
+        check_scene(scene)?;
+        let (mut prepared, down) = without_loads(scene);
+        let table = Table::new(mesh, &Topology::new(mesh), down)?;
+        prepared.pin.push(table.region());
+        Ok(PressSetup::with_fingertip(
+            prepared,
+            mesh,
+            radius,
+            Some(table),
+        ))
+    }
+
+    /// As [`PressSetup::on_table`] for a scene without a solver; a scene with one keeps its
+    /// supports, loads and solver. Its presses are quasi-static if it is stepped by `implicit` and
+    /// its loads do not depend on time.
+    ///
+    /// # Errors
+    /// As [`PressSetup::on_table`].
+    pub fn interactive(scene: &Scene, mesh: &TetMesh, radius: Option<f64>) -> Result<PressSetup> {
+        if scene.solver.name.is_none() {
+            return PressSetup::on_table(scene, mesh, radius);
+        }
+        check_scene(scene)?;
+        Ok(PressSetup::with_fingertip(
+            scene.clone(),
+            mesh,
+            radius,
+            None,
+        ))
+    }
+
+    fn with_fingertip(
+        mut scene: Scene,
+        mesh: &TetMesh,
+        radius: Option<f64>,
+        table: Option<Table>,
+    ) -> PressSetup {
+        let radius = radius.unwrap_or_else(|| default_radius(mesh, &Topology::new(mesh)));
+        let (low, high) = mesh.bounds();
+        let parking = 0.5 * (low + high) + DVec3::splat(PARKING_DISTANCE * low.distance(high));
+        let dynamic = |t: &&ToolEntry| t.mass.is_some() || t.spring_stiffness.is_some();
+        let tool = scene.tool.len() - scene.tool.iter().filter(dynamic).count();
+        let implicit = SolverKind::Implicit.to_string();
+        let quasi_static =
+            scene.solver.name.as_ref() == Some(&implicit) && !scene.is_time_dependent();
+        scene.tool.push(ToolEntry {
+            name: Some(NAME.into()),
+            sphere: Some(SphereEntry { radius }),
+            at: parking.to_array(),
+            colour: Some([0.87, 0.72, 0.62]),
+            ..ToolEntry::default()
+        });
+        PressSetup {
+            scene,
+            tool,
+            radius,
+            parking,
+            table,
+            quasi_static,
+        }
+    }
+
+    /// Returns the assumptions, as text; `step` is the time step of the presses, s.
+    pub fn notes(&self, step: f64) -> Vec<String> {
+        let Some(table) = &self.table else {
+            let mut notes = vec![
+                "presses add to the scene's own loads, which `palpate press` leaves out"
+                    .to_string(),
+            ];
+            if !self.quasi_static {
+                notes.push(
+                    "forces of presses include inertia and damping: only presses of a body stepped by `implicit`, without time-dependent loads, are quasi-static".into(),
+                );
+            }
+            return notes;
+        };
+        let own = format!(
+            "the body is placed on a table and fixed there; quasi-static: solver {} with time steps of {} s; loads, grabs, moves, cuts, tools and floor of the scene are ignored",
+            self.scene.solver.name.as_deref().unwrap_or_default(),
+            significant(step)
+        );
+        std::iter::once(own).chain(table.note()).collect()
+    }
+}
+
+/// Rejects scenes other than a single tetrahedral body at rest.
+fn check_scene(scene: &Scene) -> Result<()> {
+    if !scene.body.is_empty() || scene.grid.is_some() || scene.cage.is_some() {
+        return Err(Error::Input(
+            "a press needs a single tetrahedral body; remove [[body]], [grid] and [cage]".into(),
+        ));
+    }
+    if scene.mesh.rest.is_some() {
+        return Err(Error::Input(
+            "a deformed mesh ([mesh] rest) is not simulated; remove `rest` to press on it".into(),
+        ));
+    }
+    Ok(())
+}
+
+/// Returns the scene without loads, prepared for quasi-static steps, and the downward direction.
+fn without_loads(scene: &Scene) -> (Scene, DVec3) {
+    let mut prepared = scene.clone();
+    let down = scene.solver.gravity.map_or(DVec3::ZERO, DVec3::from);
+    let down = down.try_normalize().unwrap_or(DVec3::NEG_Z);
+    prepared.force.clear();
+    prepared.grab.clear();
+    prepared.moves.clear();
+    prepared.pressure.clear();
+    prepared.muscle.clear();
+    prepared.cut.clear();
+    prepared.tool.clear();
+    prepared.floor = None;
+    prepared.solver.gravity = Some([0.0; 3]);
+    prepared.solver.name = Some(SolverKind::Implicit.to_string());
+    prepared.solver.dt = Some(STEP);
+    let engine = scene.solver.engine.unwrap_or(EngineChoice::Auto);
+    prepared.solver.engine = Some(match engine {
+        EngineChoice::Auto => EngineChoice::Exactly(Engine::Cpu),
+        named => named,
+    });
+    (prepared, down)
+}
