@@ -76,6 +76,12 @@ impl Topology {
     pub fn boundary_nodes(&self, mesh: &TetMesh, b: BoundaryFace) -> [u32; 3] {
         FACES[b.face as usize].map(|i| mesh.tets[b.tet as usize][i])
     }
+
+    /// Returns the nodes of every boundary face, as [`Topology::boundary_nodes`].
+    pub fn boundary_triangles(&self, mesh: &TetMesh) -> Vec<[u32; 3]> {
+        let faces = self.boundary.iter();
+        faces.map(|b| self.boundary_nodes(mesh, *b)).collect()
+    }
 }
 
 /// Returns the faces without a neighbour, in the order of their tets.
