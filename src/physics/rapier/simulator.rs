@@ -9,6 +9,7 @@ use crate::physics::cpu::{
     send_loads,
 };
 use crate::physics::loads::LoadVersions;
+use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
     CgSettings, DiscreteModel, Energy, Engine, ExactPositions, ForceBalance, GrabId, GrabMode,
     Joint, Loads, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report,
@@ -271,9 +272,7 @@ impl Simulator for RapierTets {
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
-        if !(dt > 0.0 && dt.is_finite()) {
-            return Err(bad_step(dt));
-        }
+        check_time_step(dt)?;
         send_loads(&self.loads, &mut self.sent, &mut self.worker)?;
         match steps {
             0 => Ok(()),

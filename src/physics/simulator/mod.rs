@@ -6,6 +6,7 @@ pub(super) mod node_positions;
 pub(super) mod progress;
 pub(super) mod report;
 pub(super) mod state;
+pub(super) mod time_step;
 
 use super::{
     AmplitudeId, CgSettings, DiscreteModel, Engine, ForceBalance, GrabId, GrabMode, GrabbedNode,

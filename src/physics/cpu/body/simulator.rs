@@ -7,6 +7,7 @@ use crate::mesh::{Blade, TetMesh, Topology, cut};
 use crate::physics::cpu::contact::parameters::check_contact;
 use crate::physics::cpu::runtime::load_sync::{full_load_update, send_loads};
 use crate::physics::cpu::runtime::worker::{StepClock, WorkerCommand};
+use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
     AmplitudeId, CgSettings, DiscreteModel, Energy, Engine, ExactPositions, ForceBalance, GrabId,
     GrabMode, Loads, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report, ScaledLoad,
@@ -162,11 +163,7 @@ impl Simulator for CpuTets {
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
-        if !(dt > 0.0 && dt.is_finite()) {
-            return Err(Error::Input(format!(
-                "time step must be finite and > 0, got {dt} s"
-            )));
-        }
+        check_time_step(dt)?;
         send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
         match steps {
             0 => Ok(()),

@@ -8,6 +8,7 @@ use crate::physics::cpu::runtime::steppable::{GridParticles, Precision};
 use crate::physics::cpu::runtime::worker::{StepClock, Worker, WorkerCommand, WorkerError};
 use crate::physics::grid::{GridModel, retain_tets};
 use crate::physics::loads::{LoadVersions, LoadsState};
+use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
     CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, Loads, NodePositions,
     Report, Simulator, SimulatorState, SolverKind, StepCallback, StepProgress, TopologyChange,
@@ -221,11 +222,7 @@ impl Simulator for CpuGrid {
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
-        if !(dt > 0.0 && dt.is_finite()) {
-            return Err(Error::Input(format!(
-                "time step must be finite and > 0, got {dt} s"
-            )));
-        }
+        check_time_step(dt)?;
         send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
         match steps {
             0 => Ok(()),

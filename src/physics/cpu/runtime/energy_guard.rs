@@ -2,6 +2,7 @@
 //! `shaders/physics/check.wgsl`.
 
 use crate::physics::model::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
+use crate::physics::simulator::time_step::time_step_message;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -50,10 +51,7 @@ pub enum StepFailure {
 impl fmt::Display for StepFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            StepFailure::BadStep { h } => write!(
-                f,
-                "time step must be finite and > 0, got {h} s"
-            ),
+            StepFailure::BadStep { h } => f.write_str(&time_step_message(*h)),
             StepFailure::NonFinite => {
                 f.write_str("a position, velocity or force is no longer finite")
             }
