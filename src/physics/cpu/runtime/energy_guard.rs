@@ -1,6 +1,7 @@
 //! Acceptance checks of a step and the totals they use. The GPU counterpart is
 //! `shaders/physics/check.wgsl`.
 
+use crate::FailureCause;
 use crate::physics::model::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
 use crate::physics::simulator::time_step::time_step_message;
 use serde::{Deserialize, Serialize};
@@ -46,6 +47,21 @@ pub enum StepFailure {
     ToolPenetration,
     /// Parts of the body press on each other so hard that they would interpenetrate.
     SelfContactBlocked,
+}
+
+impl StepFailure {
+    /// The cause as errors state it.
+    pub fn cause(&self) -> FailureCause {
+        match self {
+            StepFailure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
+            StepFailure::Diverged => FailureCause::FlownApart,
+            StepFailure::InvertedTets => FailureCause::InvertedTets,
+            StepFailure::NotConverged { .. }
+            | StepFailure::ToolPenetration
+            | StepFailure::SelfContactBlocked => FailureCause::NotConverged,
+            StepFailure::BadStep { .. } | StepFailure::NonFinite => FailureCause::NotFinite,
+        }
+    }
 }
 
 impl fmt::Display for StepFailure {
