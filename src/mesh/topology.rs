@@ -80,10 +80,9 @@ impl Topology {
     /// Returns the mean chord length of the body of `mesh`, its mean thickness: 4 V / S with the
     /// volume V and the boundary area S (Cauchy's formula).
     pub fn mean_chord(&self, mesh: &TetMesh) -> f64 {
-        let areas = self.boundary.iter().map(|face| {
-            let [a, b, c] = self
-                .boundary_nodes(mesh, *face)
-                .map(|v| mesh.nodes[v as usize]);
+        let triangles = self.boundary_triangles(mesh).into_iter();
+        let areas = triangles.map(|face| {
+            let [a, b, c] = face.map(|v| mesh.nodes[v as usize]);
             0.5 * (b - a).cross(c - a).length()
         });
         4.0 * mesh.volume() / areas.sum::<f64>().max(f64::MIN_POSITIVE)
@@ -91,11 +90,16 @@ impl Topology {
 
     /// Returns the nodes of all boundary faces, in increasing order.
     pub fn all_boundary_nodes(&self, mesh: &TetMesh) -> Vec<u32> {
-        let faces = self.boundary.iter();
-        let mut nodes: Vec<u32> = faces.flat_map(|b| self.boundary_nodes(mesh, *b)).collect();
+        let mut nodes = self.boundary_triangles(mesh).into_flattened();
         nodes.sort_unstable();
         nodes.dedup();
         nodes
+    }
+
+    /// Returns the nodes of every boundary face, as [`Topology::boundary_nodes`].
+    pub fn boundary_triangles(&self, mesh: &TetMesh) -> Vec<[u32; 3]> {
+        let faces = self.boundary.iter();
+        faces.map(|b| self.boundary_nodes(mesh, *b)).collect()
     }
 }
 

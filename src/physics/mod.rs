@@ -72,10 +72,16 @@ pub use model::units::LocalUnits;
 pub use nodal_forces::NodalForces;
 #[cfg(feature = "rapier")]
 pub use rapier::RapierTets;
+pub use simulator::capability::Capability;
+pub use simulator::checkpoint::Checkpointing;
+pub use simulator::contact::Contact;
+pub use simulator::joints::Joints;
 pub use simulator::member::{Member, MemberReport};
 pub use simulator::node_positions::NodePositions;
 pub use simulator::progress::{StepProgress, StepRecord};
+pub use simulator::reactions::Reactions;
 pub use simulator::report::Report;
+pub use simulator::scaled_loads::ScaledLoads;
 pub use simulator::state::SimulatorState;
 pub use simulator::{ExactPositions, Simulator, StepCallback, TopologyChange};
 pub(crate) use stability::advice::safe_step_ratio;

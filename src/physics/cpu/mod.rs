@@ -34,11 +34,9 @@ pub(super) use rigid::closest_rotation::closest_rotation;
 #[cfg(feature = "rapier")]
 pub(super) use runtime::energy_guard::StepFailure;
 #[cfg(feature = "rapier")]
-pub(super) use runtime::load_sync::send_loads;
-#[cfg(feature = "rapier")]
 pub(super) use runtime::steppable::{LoadUpdate, Steppable, ToolTarget};
 #[cfg(feature = "rapier")]
-pub(super) use runtime::worker::{Worker, WorkerCommand, WorkerError};
+pub(super) use runtime::threaded_simulator::{BodyModel, ThreadedSimulator};
 
 pub use body::tets::{CpuState, CpuTets};
 pub use grid::simulator::{CpuGrid, CpuGridState};

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::gpu::{Gpu, Recorder};
-use crate::mesh::{Blade, BoundaryFace, TetMesh, Topology};
+use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::cpu::check_contact;
 use crate::physics::loads::force_balance::balance_of_model;
 use crate::physics::{
@@ -69,13 +69,6 @@ impl GpuTets {
     pub fn body(&self) -> &GpuBody {
         &self.body
     }
-
-    /// The boundary faces by their nodes.
-    fn boundary(&self) -> Vec<[u32; 3]> {
-        let faces = self.topology.boundary.iter();
-        let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
-        faces.map(nodes).collect()
-    }
 }
 
 impl Simulator for GpuTets {
@@ -130,7 +123,8 @@ impl Simulator for GpuTets {
         self.body.check_tools()?;
         let id = self.body.loads_mut().add_tool(tool.pose);
         self.tools.push(tool);
-        self.body.set_tools(&self.tools, &self.boundary())?;
+        let faces = self.topology.boundary_triangles(&self.mesh);
+        self.body.set_tools(&self.tools, &faces)?;
         Ok(id)
     }
 
@@ -218,7 +212,8 @@ impl Simulator for GpuTets {
     fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
         let mesh = self.body.cut(&mut self.mesh, &mut self.topology, blade)?;
         if !(mesh.is_empty() || self.tools.is_empty()) {
-            self.body.set_tools(&self.tools, &self.boundary())?;
+            let faces = self.topology.boundary_triangles(&self.mesh);
+            self.body.set_tools(&self.tools, &faces)?;
         }
         Ok(TopologyChange { mesh, springs: 0 })
     }

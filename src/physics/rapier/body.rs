@@ -21,7 +21,7 @@ use glam::DVec3;
 const TOOL_SEARCH_RADIUS: f64 = 1.5;
 
 /// A tetrahedral body in its own rapier world.
-pub(super) struct RapierBody {
+pub(in crate::physics) struct RapierBody {
     matter: SoftBodyModel,
     settings: CgSettings,
     contacts: Contacts,
@@ -45,7 +45,7 @@ impl RapierBody {
     ///
     /// # Errors
     /// Only errors of rapier.
-    pub fn new(
+    pub(super) fn new(
         matter: SoftBodyModel,
         masses: Vec<f64>,
         settings: CgSettings,
@@ -385,23 +385,4 @@ impl Steppable for RapierBody {
         }
         Ok(())
     }
-
-    fn parts(&self) -> usize {
-        1
-    }
-
-    fn serialise_state(&self) -> Result<Vec<u8>> {
-        Err(no_state())
-    }
-
-    fn resume(&mut self, _: &[u8]) -> Result<()> {
-        Err(no_state())
-    }
-}
-
-/// The error of requesting the complete state.
-pub(super) fn no_state() -> Error {
-    Error::Input(
-        "rapier does not support checkpoints, because its internal state cannot be saved; use --engine cpu, or restart from the beginning".into(),
-    )
 }

@@ -1,11 +1,18 @@
 //! The common interface of all simulated bodies, independent of model and engine.
 
+pub(super) mod capability;
+pub(super) mod checkpoint;
+pub(super) mod contact;
 pub(super) mod helpers;
+pub(super) mod joints;
 pub(super) mod member;
 pub(super) mod node_positions;
 pub(super) mod progress;
+pub(super) mod reactions;
 pub(super) mod report;
+pub(super) mod scaled_loads;
 pub(super) mod state;
+pub(super) mod time_step;
 
 use super::{
     AmplitudeId, CgSettings, DiscreteModel, Engine, ForceBalance, GrabId, GrabMode, GrabbedNode,
@@ -70,10 +77,7 @@ pub trait Simulator: Send {
     /// # Errors
     /// [`Error::Input`] if the body supports springs only.
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
-        Err(Error::Input(format!(
-            "a grid body does not support the term \"{}\", only springs; simulate tets",
-            term.name()
-        )))
+        Err(unsupported_term(&*term))
     }
 
     /// Adds a pressure or a muscle, with amplitude 0 until [`Simulator::set_amplitude`].
@@ -419,6 +423,14 @@ pub trait Simulator: Send {
     /// # Errors
     /// [`Error::Input`] if the positions are of another body.
     fn set_pose(&mut self, pose: &ExactPositions) -> Result<()>;
+}
+
+/// Returns the error for an energy term on a grid body.
+pub(in crate::physics) fn unsupported_term(term: &dyn NodeTerm) -> Error {
+    Error::Input(format!(
+        "a grid body does not support the term \"{}\", only springs; simulate tets",
+        term.name()
+    ))
 }
 
 fn cpu_only_error(what: &str) -> Error {

@@ -1,125 +1,202 @@
-//! The [`Simulator`] implementation of tetrahedral bodies stepped on the CPU.
+//! The model of tetrahedral bodies stepped on the CPU, and the capabilities of such bodies.
 
-use super::tets::{CpuState, CpuTets};
-
-use crate::gpu::Recorder;
-use crate::mesh::{Blade, TetMesh, Topology, cut};
+use super::tets::{CpuState, CpuTetModel, CpuTets};
+use crate::mesh::{Blade, LocalFrame, cut};
 use crate::physics::cpu::contact::parameters::check_contact;
-use crate::physics::cpu::runtime::load_sync::{full_load_update, send_loads};
-use crate::physics::cpu::runtime::worker::{StepClock, WorkerCommand};
+use crate::physics::cpu::runtime::checkpoint::ResumableModel;
+use crate::physics::cpu::runtime::steppable::TetBody;
+use crate::physics::cpu::runtime::threaded_simulator::BodyModel;
+use crate::physics::cpu::runtime::worker::StepClock;
+use crate::physics::simulator::checkpoint::Checkpointing;
+use crate::physics::simulator::contact::Contact;
+use crate::physics::simulator::reactions::Reactions;
+use crate::physics::simulator::scaled_loads::ScaledLoads;
 use crate::physics::{
-    AmplitudeId, CgSettings, DiscreteModel, Energy, Engine, ExactPositions, ForceBalance, GrabId,
-    GrabMode, Loads, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report, ScaledLoad,
-    SelfContactSettings, Simulator, SimulatorState, SolverKind, StepCallback, StepProgress, Tool,
-    ToolId, TopologyChange, largest_stable_step, limit_with_terms,
+    AmplitudeId, CgSettings, DiscreteModel, Energy, Engine, ForceBalance, Loads, NodeTerm,
+    Reaction, ScaledLoad, SelfContactSettings, Simulator, SolverKind, StepProgress, Tool, ToolId,
+    TopologyChange, largest_stable_step, limit_with_terms, time_step_advice,
 };
 use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
 
-impl Simulator for CpuTets {
+impl BodyModel for CpuTetModel {
+    type Body = dyn TetBody;
+
+    const ENGINE: Engine = Engine::Cpu;
+
     fn integrator(&self) -> SolverKind {
         self.kind
     }
 
-    fn engine(&self) -> Engine {
-        Engine::Cpu
+    fn frame(&self) -> LocalFrame {
+        self.network.frame
     }
 
-    fn mesh(&self) -> &TetMesh {
-        &self.mesh
-    }
-
-    fn topology(&self) -> &Topology {
-        &self.topology
+    fn length_unit(&self) -> f64 {
+        self.network.length_unit
     }
 
     fn masses(&self) -> &[f64] {
         &self.network.masses
     }
 
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
-        self.network.springs.iter().map(|s| s.nodes).collect()
-    }
-
-    fn network(&self) -> Option<&DiscreteModel> {
+    fn discrete_model(&self) -> Option<&DiscreteModel> {
         Some(&self.network)
     }
 
-    fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
-        if !self.tools.is_empty() {
-            check_contact("tools", &self.network, kind)?;
-        }
-        if self.self_contact.is_some() {
-            check_contact("itself", &self.network, kind)?;
-        }
-        self.worker.cancel_pending();
-        let (positions, velocities) = (self.positions()?, self.velocities()?);
-        (self.kind, self.settings) = (kind, settings);
-        self.progress = StepProgress::default();
-        self.worker
-            .set_progress(self.progress, StepClock::default());
-        self.rebuild_body(&positions, &velocities)
+    fn energy(&self, positions: &[DVec3], velocities: &[DVec3]) -> Energy {
+        Energy::from_state(&self.network, &self.terms, positions, velocities)
     }
 
-    fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
-        let mut body = self.worker.body();
-        body.add_node_term(term.clone(), &self.network);
-        self.terms.push(term);
-        self.changes += 1;
+    fn largest_stable_step(&self, loads: &Loads) -> Option<f64> {
+        let limit = largest_stable_step(&self.network, loads.pinned(), self.kind)?;
+        Some(limit_with_terms(limit, &self.network, &self.terms))
+    }
+
+    fn failure_advice(&self, dt: f64, loads: &Loads) -> String {
+        time_step_advice(self.kind, dt, (&self.network, &self.terms), loads.pinned())
+    }
+
+    fn check_prescribed_motion(&self, nodes: &[u32]) -> Result<()> {
+        let mut bones = self.network.elements.rigid.iter();
+        match bones.any(|b| nodes.iter().any(|v| b.nodes.binary_search(v).is_ok())) {
+            true => Err(Error::Input(
+                "cannot prescribe the motion of nodes of a rigid region; move soft nodes, or hold the region by a grab and move the grab".into(),
+            )),
+            false => Ok(()),
+        }
+    }
+
+    fn set_integrator(
+        simulator: &mut CpuTets,
+        kind: SolverKind,
+        settings: CgSettings,
+    ) -> Result<()> {
+        if !simulator.model.tools.is_empty() {
+            check_contact("tools", &simulator.model.network, kind)?;
+        }
+        if simulator.model.self_contact.is_some() {
+            check_contact("itself", &simulator.model.network, kind)?;
+        }
+        simulator.worker.cancel_pending();
+        let (positions, velocities) = (simulator.positions()?, simulator.velocities()?);
+        (simulator.model.kind, simulator.model.settings) = (kind, settings);
+        simulator.progress = StepProgress::default();
+        simulator
+            .worker
+            .set_progress(simulator.progress, StepClock::default());
+        simulator.rebuild_body(&positions, &velocities)
+    }
+
+    fn add_term(simulator: &mut CpuTets, term: Arc<dyn NodeTerm>) -> Result<()> {
+        let mut body = simulator.worker.body();
+        body.add_node_term(term.clone(), &simulator.model.network);
+        simulator.model.terms.push(term);
+        simulator.changes += 1;
         Ok(())
     }
 
-    fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
-        acting.check(&self.mesh, &self.network)?;
-        let level = self.scaled_loads.len();
-        self.apply_scaled_load(&mut **self.worker.body(), &acting, level);
-        self.scaled_loads.push(acting);
-        self.changes += 1;
-        Ok(self.loads.add_amplitude())
+    fn cut(simulator: &mut CpuTets, blade: &Blade) -> Result<TopologyChange> {
+        simulator.finish()?;
+        let (mut positions, mut velocities) = (simulator.positions()?, simulator.velocities()?);
+        let done = cut(
+            &mut simulator.mesh,
+            &mut simulator.topology,
+            &positions,
+            blade,
+        )?;
+        if done.is_empty() {
+            return Ok(TopologyChange::default());
+        }
+        simulator
+            .model
+            .network
+            .apply_cut(&simulator.mesh, &simulator.model.material, &done)?;
+        simulator
+            .model
+            .scaled_loads
+            .iter_mut()
+            .for_each(|a| a.apply_cut(&done));
+        for [_, old] in &done.duplicated_nodes {
+            positions.push(positions[*old as usize]);
+            velocities.push(velocities[*old as usize]);
+        }
+        simulator
+            .loads
+            .apply_cut(&done, &simulator.model.network.masses);
+        let blank = vec![[0.0; 4]; done.duplicated_nodes.len()];
+        simulator.nodes.extend(&blank)?;
+        simulator.rebuild_body(&positions, &velocities)?;
+        Ok(TopologyChange {
+            mesh: done,
+            springs: 0,
+        })
     }
 
-    fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
-        let acting = self.scaled_loads.get(id.0).ok_or_else(|| {
-            Error::Input(format!(
-                "unknown amplitude {}: this body has no such pressure or muscle",
-                id.0
-            ))
-        })?;
-        acting.check_amplitude(level)?;
-        self.loads.set_amplitude(id, level);
-        Ok(())
+    fn force_balance(simulator: &CpuTets) -> Result<Option<ForceBalance>> {
+        let stiffness = simulator.model.network.nodal_stiffness();
+        Ok(Some(simulator.worker.body().force_balance(&stiffness)))
     }
 
+    fn set_inversion_allowed(simulator: &mut CpuTets, allowed: bool) {
+        simulator.model.inversion_allowed = allowed;
+        simulator.worker.body().set_inversion_allowed(allowed);
+    }
+
+    fn contact(simulator: &mut CpuTets) -> Option<&mut dyn Contact> {
+        Some(simulator)
+    }
+
+    fn reactions(simulator: &mut CpuTets) -> Option<&mut dyn Reactions> {
+        Some(simulator)
+    }
+
+    fn scaled_loads(simulator: &mut CpuTets) -> Option<&mut dyn ScaledLoads> {
+        Some(simulator)
+    }
+
+    fn checkpoint(simulator: &CpuTets) -> Option<&dyn Checkpointing> {
+        Some(simulator)
+    }
+
+    fn checkpoint_mut(simulator: &mut CpuTets) -> Option<&mut dyn Checkpointing> {
+        Some(simulator)
+    }
+}
+
+impl ResumableModel for CpuTetModel {
+    type State = CpuState;
+
+    fn rebuild(simulator: &CpuTets, parts: usize) -> Result<Box<dyn TetBody>> {
+        simulator.body(Some(parts))
+    }
+
+    fn exact_positions(body: &dyn TetBody) -> Vec<[f64; 3]> {
+        body.displacements()
+    }
+
+    fn set_exact_positions(body: &mut dyn TetBody, positions: &[[f64; 3]]) -> Result<()> {
+        body.set_displacements(positions)
+    }
+}
+
+impl Contact for CpuTets {
     fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
         tool.check()?;
-        check_contact("tools", &self.network, self.kind)?;
+        check_contact("tools", &self.model.network, self.model.kind)?;
         let faces = self.boundary();
-        self.worker.body().add_tool(&tool, &faces, &self.network);
+        self.worker
+            .body()
+            .add_tool(&tool, &faces, &self.model.network);
         let id = self.loads.add_tool(tool.pose);
-        self.tools.push(tool);
+        self.model.tools.push(tool);
         self.changes += 1;
         Ok(id)
     }
 
     fn tools(&self) -> &[Tool] {
-        &self.tools
-    }
-
-    fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<usize> {
-        wanted.check()?;
-        check_contact("itself", &self.network, self.kind)?;
-        let faces = self.boundary();
-        let mut body = self.worker.body();
-        let through = body.set_self_contact(&wanted, &faces, &self.network);
-        drop(body);
-        self.self_contact = Some(wanted);
-        self.changes += 1;
-        Ok(through)
-    }
-
-    fn self_contact(&self) -> Option<SelfContactSettings> {
-        self.self_contact
+        &self.model.tools
     }
 
     fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
@@ -129,8 +206,37 @@ impl Simulator for CpuTets {
         Ok(forces.into_iter().map(reaction).collect())
     }
 
+    fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<usize> {
+        wanted.check()?;
+        check_contact("itself", &self.model.network, self.model.kind)?;
+        let faces = self.boundary();
+        let mut body = self.worker.body();
+        let through = body.set_self_contact(&wanted, &faces, &self.model.network);
+        drop(body);
+        self.model.self_contact = Some(wanted);
+        self.changes += 1;
+        Ok(through)
+    }
+
+    fn self_contact(&self) -> Option<SelfContactSettings> {
+        self.model.self_contact
+    }
+}
+
+impl Reactions for CpuTets {
+    fn nodal_forces(&mut self) -> Result<Vec<DVec3>> {
+        self.sync_loads()?;
+        self.finish()?;
+        let mut forces = self.worker.body().forces();
+        let rigid = self.model.network.elements.rigid.iter();
+        for v in rigid.flat_map(|body| &body.nodes) {
+            forces[*v as usize] = DVec3::NAN;
+        }
+        Ok(forces)
+    }
+
     fn region_force(&mut self, label: i64) -> Result<Option<Reaction>> {
-        let mut bodies = self.network.elements.rigid.iter();
+        let mut bodies = self.model.network.elements.rigid.iter();
         let Some(b) = bodies.position(|body| body.labels.contains(&label)) else {
             return Ok(None);
         };
@@ -141,232 +247,27 @@ impl Simulator for CpuTets {
             moment: *moment,
         }))
     }
+}
 
-    fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
-        let mut bones = self.network.elements.rigid.iter();
-        if bones.any(|b| nodes.iter().any(|v| b.nodes.binary_search(v).is_ok())) {
-            return Err(Error::Input(
-                "cannot prescribe the motion of nodes of a rigid region; move soft nodes, or hold the region by a grab and move the grab".into(),
-            ));
-        }
-        let positions = self.positions()?;
-        let place = |v: &u32| positions.get(*v as usize).copied();
-        let places: Option<Vec<DVec3>> = nodes.iter().map(place).collect();
-        self.loads
-            .add_prescribed_motion(nodes, &places.unwrap_or_default())
-    }
-
-    fn largest_stable_step(&self) -> Option<f64> {
-        let limit = largest_stable_step(&self.network, self.loads.pinned(), self.kind)?;
-        Some(limit_with_terms(limit, &self.network, &self.terms))
-    }
-
-    fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
-        if !(dt > 0.0 && dt.is_finite()) {
-            return Err(Error::Input(format!(
-                "time step must be finite and > 0, got {dt} s"
-            )));
-        }
-        send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
-        match steps {
-            0 => Ok(()),
-            steps => self.worker.enqueue(WorkerCommand::Steps(steps, dt)),
-        }
-    }
-
-    fn set_waker(&mut self, waker: StepCallback) {
-        self.worker.set_waker(waker);
-    }
-
-    fn progress(&mut self) -> Result<StepProgress> {
-        self.progress = match self.worker.progress() {
-            Ok(progress) => progress,
-            Err(refusal) => return Err(self.error(refusal)),
-        };
-        Ok(self.progress)
-    }
-
-    fn finish(&mut self) -> Result<StepProgress> {
-        self.progress = match self.worker.finish() {
-            Ok(progress) => progress,
-            Err(refusal) => return Err(self.error(refusal)),
-        };
-        Ok(self.progress)
-    }
-
-    fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
-        self.run(steps, dt)?;
-        self.update_nodes(work)
-    }
-
-    fn iterations(&self) -> Result<Vec<u32>> {
-        Ok(self.worker.iterations())
-    }
-
-    fn update_nodes(&mut self, _: &mut Recorder) -> Result<()> {
-        self.upload()
-    }
-
-    fn nodes(&self) -> &NodePositions {
-        &self.nodes
-    }
-
-    fn positions(&self) -> Result<Vec<DVec3>> {
-        let metres = self.worker.body().positions();
-        Ok(self.to_file_units(&metres))
-    }
-
-    fn forces(&mut self) -> Result<Vec<DVec3>> {
-        send_loads(&self.loads, &mut self.synced_loads, &mut self.worker)?;
-        self.finish()?;
-        let mut forces = self.worker.body().forces();
-        let rigid = self.network.elements.rigid.iter();
-        for v in rigid.flat_map(|body| &body.nodes) {
-            forces[*v as usize] = DVec3::NAN;
-        }
-        Ok(forces)
-    }
-
-    fn velocities(&self) -> Result<Vec<DVec3>> {
-        let unit = self.network.length_unit;
-        let metres = self.worker.body().velocities();
-        Ok(metres.iter().map(|v| *v / unit).collect())
-    }
-
-    fn set_positions(&mut self, positions: &[DVec3]) -> Result<()> {
-        self.nodes
-            .check("positions", positions, |p| self.network.frame.to_local(p))?;
-        let metres = self.metres(positions);
-        {
-            let mut body = self.worker.body();
-            let velocities = body.velocities();
-            body.set_state(&metres, &velocities)?;
-        }
+impl ScaledLoads for CpuTets {
+    fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
+        acting.check(&self.mesh, &self.model.network)?;
+        let level = self.model.scaled_loads.len();
+        self.apply_scaled_load(&mut **self.worker.body(), &acting, level);
+        self.model.scaled_loads.push(acting);
         self.changes += 1;
-        self.upload_now()
+        Ok(self.loads.add_amplitude())
     }
 
-    fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
-        let velocities = self.velocities_in_metres(velocities);
-        let mut body = self.worker.body();
-        let positions = body.positions();
-        body.set_state(&positions, &velocities)?;
-        self.changes += 1;
+    fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
+        let acting = self.model.scaled_loads.get(id.0).ok_or_else(|| {
+            Error::Input(format!(
+                "unknown amplitude {}: this body has no such pressure or muscle",
+                id.0
+            ))
+        })?;
+        acting.check_amplitude(level)?;
+        self.loads.set_amplitude(id, level);
         Ok(())
-    }
-
-    fn loads(&self) -> &Loads {
-        &self.loads
-    }
-
-    fn loads_mut(&mut self) -> &mut Loads {
-        &mut self.loads
-    }
-
-    fn grab(&mut self, centre: DVec3, radius: f64, grip: GrabMode) -> Result<GrabId> {
-        // The latest published positions avoid waiting for a step in progress.
-        let positions = self.to_file_units(&self.worker.positions());
-        self.loads
-            .grab(&positions, |_| true, (centre, radius), grip)
-    }
-
-    fn cut(&mut self, blade: &Blade) -> Result<TopologyChange> {
-        self.finish()?;
-        let (mut positions, mut velocities) = (self.positions()?, self.velocities()?);
-        let done = cut(&mut self.mesh, &mut self.topology, &positions, blade)?;
-        if done.is_empty() {
-            return Ok(TopologyChange::default());
-        }
-        self.network.apply_cut(&self.mesh, &self.material, &done)?;
-        self.scaled_loads
-            .iter_mut()
-            .for_each(|a| a.apply_cut(&done));
-        for [_, old] in &done.duplicated_nodes {
-            positions.push(positions[*old as usize]);
-            velocities.push(velocities[*old as usize]);
-        }
-        self.loads.apply_cut(&done, &self.network.masses);
-        let blank = vec![[0.0; 4]; done.duplicated_nodes.len()];
-        self.nodes.extend(&blank)?;
-        self.rebuild_body(&positions, &velocities)?;
-        Ok(TopologyChange {
-            mesh: done,
-            springs: 0,
-        })
-    }
-
-    fn report(&self) -> Result<Report> {
-        let positions = self.positions()?;
-        let velocities = self.velocities()?;
-        let energy = Energy::from_state(&self.network, &self.terms, &positions, &velocities);
-        Ok(Report::from_positions(energy, &self.mesh, &positions))
-    }
-
-    fn set_inversion_allowed(&mut self, allowed: bool) {
-        self.inversion_allowed = allowed;
-        self.worker.body().set_inversion_allowed(allowed);
-    }
-
-    fn force_balance(&self) -> Result<Option<ForceBalance>> {
-        let stiffness = self.network.nodal_stiffness();
-        Ok(Some(self.worker.body().force_balance(&stiffness)))
-    }
-
-    fn rms_speed(&self) -> f64 {
-        if self.progress.steps == 0 {
-            return f64::INFINITY;
-        }
-        let mass: f64 = self.network.masses.iter().sum();
-        let speed = (2.0 * self.progress.last.kinetic.max(0.0) / mass).sqrt();
-        speed / (self.network.frame.scale * self.network.length_unit)
-    }
-
-    fn change_count(&self) -> u64 {
-        self.changes + self.loads.version()
-    }
-
-    fn state(&self) -> Result<SimulatorState> {
-        let (body, parts) = {
-            let body = self.worker.body();
-            (body.serialise_state()?, body.parts())
-        };
-        Ok(SimulatorState::new(CpuState {
-            body,
-            loads: self.loads.state(),
-            sent: self.synced_loads,
-            changes: self.changes,
-            progress: self.progress,
-            span: self.worker.span(),
-            parts,
-        }))
-    }
-
-    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
-        let state: &CpuState = state.expect()?;
-        self.worker.cancel_pending();
-        self.loads.set_state(&state.loads)?;
-        self.repartition(state.parts)?;
-        {
-            let mut body = self.worker.body();
-            body.apply_loads(full_load_update(&self.loads))?;
-            body.resume(&state.body)?;
-        }
-        self.synced_loads = state.sent;
-        self.changes = state.changes;
-        self.progress = state.progress;
-        self.worker.set_progress(state.progress, state.span);
-        self.upload_now()
-    }
-
-    fn pose(&self) -> Result<ExactPositions> {
-        Ok(ExactPositions {
-            displacements: self.worker.body().displacements(),
-            ..ExactPositions::default()
-        })
-    }
-
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
-        self.worker.body().set_displacements(&pose.displacements)?;
-        self.upload_now()
     }
 }

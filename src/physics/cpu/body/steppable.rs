@@ -5,7 +5,7 @@ use crate::Result;
 use crate::physics::cpu::node_terms::NodeTerms;
 use crate::physics::cpu::runtime::energy_guard::StepFailure;
 use crate::physics::cpu::runtime::steppable::{
-    LoadUpdate, Precision, Steppable, TetBody, pack, unpack,
+    LoadUpdate, Precision, Resumable, Steppable, TetBody, pack, unpack,
 };
 use crate::physics::cpu::scalar::Real;
 use crate::physics::{
@@ -74,7 +74,9 @@ impl<T: Real> Steppable for CpuBody<T> {
             None => Ok(()),
         }
     }
+}
 
+impl<T: Real> Resumable for CpuBody<T> {
     fn parts(&self) -> usize {
         CpuBody::chunk_count(self)
     }

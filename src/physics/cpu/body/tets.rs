@@ -1,16 +1,15 @@
-//! A tetrahedral body stepped on the CPU, with its mesh, its model and its loads.
+//! Tetrahedral bodies stepped on the CPU: what they are made of.
 
 use crate::gpu::Gpu;
-use crate::mesh::{BoundaryFace, TetMesh, Topology};
-use crate::physics::cpu::runtime::energy_guard::StepFailure;
+use crate::mesh::TetMesh;
+use crate::physics::cpu::runtime::checkpoint::ThreadedState;
 use crate::physics::cpu::runtime::steppable::{LoadUpdate, Precision, TetBody};
-use crate::physics::cpu::runtime::worker::{StepClock, Worker, WorkerError};
-use crate::physics::loads::{LoadVersions, LoadsState};
+use crate::physics::cpu::runtime::threaded_simulator::ThreadedSimulator;
 use crate::physics::{
-    CgSettings, DiscreteModel, Loads, Material, NodePositions, NodeTerm, ScaledLoad,
-    SelfContactSettings, SolverKind, StepProgress, Tool, time_step_advice,
+    CgSettings, DiscreteModel, Material, NodeTerm, ScaledLoad, SelfContactSettings, SolverKind,
+    Tool,
 };
-use crate::{Error, FailureCause, Result};
+use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -18,16 +17,14 @@ use std::sync::Arc;
 /// A tetrahedral body on CPU threads. Steps run on a worker thread that distributes them in rayon's
 /// global pool: do not wait for them from within that pool. Positions for rendering are uploaded
 /// once per frame.
-pub struct CpuTets {
-    pub(super) mesh: TetMesh,
-    pub(super) topology: Topology,
+pub type CpuTets = ThreadedSimulator<CpuTetModel>;
+
+/// The model of a [`CpuTets`].
+pub struct CpuTetModel {
     pub(super) material: Material,
     pub(super) network: DiscreteModel,
     pub(super) settings: CgSettings,
     pub(super) kind: SolverKind,
-    pub(super) loads: Loads,
-    /// Versions of the loads that the worker has.
-    pub(super) synced_loads: Option<LoadVersions>,
     pub(super) terms: Vec<Arc<dyn NodeTerm>>,
     /// Pressures and muscles, in the order of their amplitudes.
     pub(super) scaled_loads: Vec<ScaledLoad>,
@@ -35,27 +32,22 @@ pub struct CpuTets {
     pub(super) self_contact: Option<SelfContactSettings>,
     pub(super) inversion_allowed: bool,
     pub(super) precision: Precision,
-    pub(super) worker: Worker<dyn TetBody>,
-    pub(super) nodes: NodePositions,
-    /// Version of the uploaded positions.
-    pub(super) uploaded_version: u64,
-    /// Counter of external changes of state and shape.
-    pub(super) changes: u64,
-    pub(super) progress: StepProgress,
 }
 
 /// The state of a [`CpuTets`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CpuState {
-    /// State of the body, serialised in the body's own precision.
-    pub(super) body: Vec<u8>,
-    pub(super) loads: LoadsState,
-    pub(super) sent: Option<LoadVersions>,
-    pub(super) changes: u64,
-    pub(super) progress: StepProgress,
-    pub(super) span: StepClock,
-    /// Number of chunks among which the nodes are partitioned: the rounding of sums depends on it.
-    pub(super) parts: usize,
+pub struct CpuState(ThreadedState);
+
+impl From<ThreadedState> for CpuState {
+    fn from(state: ThreadedState) -> CpuState {
+        CpuState(state)
+    }
+}
+
+impl AsRef<ThreadedState> for CpuState {
+    fn as_ref(&self) -> &ThreadedState {
+        &self.0
+    }
 }
 
 impl CpuTets {
@@ -95,123 +87,43 @@ impl CpuTets {
             )));
         }
         let body = precision.tets(&network, (kind, settings), None)?;
-        let nodes = NodePositions::new(gpu, &mesh)?;
-        Ok(CpuTets {
-            topology: Topology::new(&mesh),
+        let model = CpuTetModel {
             material: material.clone(),
-            loads: Loads::new(mesh.nodes.len(), nodes.frame(), network.length_unit),
-            mesh,
             network,
             settings,
             kind,
-            synced_loads: None,
             terms: Vec::new(),
             scaled_loads: Vec::new(),
             tools: Vec::new(),
             self_contact: None,
             inversion_allowed: false,
             precision,
-            worker: Worker::new(body),
-            nodes,
-            uploaded_version: 0,
-            changes: 0,
-            progress: StepProgress::default(),
-        })
-    }
-
-    /// Returns the error for a rejected step.
-    pub(super) fn error(&mut self, refusal: WorkerError) -> Error {
-        match refusal {
-            WorkerError::Wrong(error) => {
-                // Rejected loads are sent again.
-                self.synced_loads = None;
-                error
-            }
-            WorkerError::Failed(StepFailure::BadStep { h }, ..) => {
-                Error::Input(format!("time step must be finite and > 0, got {h} s"))
-            }
-            WorkerError::Failed(failure, dt, progress) => {
-                self.progress = progress;
-                Error::Solver {
-                    solver: self.kind.name(),
-                    step: progress.steps + 1,
-                    time: progress.time,
-                    cause: match failure {
-                        StepFailure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
-                        StepFailure::InvertedTets => FailureCause::InvertedTets,
-                        StepFailure::NotConverged { .. }
-                        | StepFailure::ToolPenetration
-                        | StepFailure::SelfContactBlocked => FailureCause::NotConverged,
-                        _ => FailureCause::NotFinite,
-                    },
-                    what: failure.to_string(),
-                    advice: time_step_advice(
-                        self.kind,
-                        dt,
-                        (&self.network, &self.terms),
-                        self.loads.pinned(),
-                    ),
-                }
-            }
-        }
-    }
-
-    pub(super) fn metres(&self, positions: &[DVec3]) -> Vec<DVec3> {
-        positions
-            .iter()
-            .map(|p| self.network.to_metres(*p))
-            .collect()
-    }
-
-    pub(super) fn to_file_units(&self, metres: &[DVec3]) -> Vec<DVec3> {
-        metres.iter().map(|x| self.network.to_file(*x)).collect()
-    }
-
-    pub(super) fn velocities_in_metres(&self, velocities: &[DVec3]) -> Vec<DVec3> {
-        let unit = self.network.length_unit;
-        velocities.iter().map(|v| *v * unit).collect()
-    }
-
-    /// Uploads the latest published positions, if they are new.
-    pub(super) fn upload(&mut self) -> Result<()> {
-        let Some((version, positions)) = self.worker.published(self.uploaded_version) else {
-            return Ok(());
         };
-        self.uploaded_version = version;
-        let unit = self.network.length_unit;
-        let origin = self.network.frame.origin;
-        let places: Vec<DVec3> = positions.iter().map(|x| origin + *x / unit).collect();
-        self.nodes.set_positions(&places)
-    }
-
-    /// Uploads the current positions.
-    pub(super) fn upload_now(&mut self) -> Result<()> {
-        self.worker.publish();
-        self.upload()
+        ThreadedSimulator::from_body(gpu, (mesh, model), body)
     }
 
     /// Creates a body of the current network at rest, partitioned into `parts` chunks, or a
     /// suitable number.
     pub(super) fn body(&self, parts: Option<usize>) -> Result<Box<dyn TetBody>> {
-        let how = (self.kind, self.settings);
-        let mut body = self.precision.tets(&self.network, how, parts)?;
-        body.set_inversion_allowed(self.inversion_allowed);
-        for term in &self.terms {
-            body.add_node_term(term.clone(), &self.network);
+        let how = (self.model.kind, self.model.settings);
+        let mut body = self.model.precision.tets(&self.model.network, how, parts)?;
+        body.set_inversion_allowed(self.model.inversion_allowed);
+        for term in &self.model.terms {
+            body.add_node_term(term.clone(), &self.model.network);
         }
-        for (level, acting) in self.scaled_loads.iter().enumerate() {
+        for (level, acting) in self.model.scaled_loads.iter().enumerate() {
             self.apply_scaled_load(&mut *body, acting, level);
         }
         let faces = self.boundary();
-        for (tool, (pose, _)) in self.tools.iter().zip(self.loads.tools()) {
+        for (tool, (pose, _)) in self.model.tools.iter().zip(self.loads.tools()) {
             let there = Tool {
                 pose: *pose,
                 ..tool.clone()
             };
-            body.add_tool(&there, &faces, &self.network);
+            body.add_tool(&there, &faces, &self.model.network);
         }
-        if let Some(wanted) = &self.self_contact {
-            body.set_self_contact(wanted, &faces, &self.network);
+        if let Some(wanted) = &self.model.self_contact {
+            body.set_self_contact(wanted, &faces, &self.model.network);
         }
         body.apply_loads(LoadUpdate {
             gravity: self.loads.gravity(),
@@ -220,13 +132,6 @@ impl CpuTets {
             ..LoadUpdate::default()
         })?;
         Ok(body)
-    }
-
-    /// Returns the boundary faces, by their nodes.
-    pub(super) fn boundary(&self) -> Vec<[u32; 3]> {
-        let faces = self.topology.boundary.iter();
-        let nodes = |f: &BoundaryFace| self.topology.boundary_nodes(&self.mesh, *f);
-        faces.map(nodes).collect()
     }
 
     /// Applies `acting` to `body`, made of this mesh and network.
@@ -243,7 +148,7 @@ impl CpuTets {
                 body.add_pressure(&faces.collect::<Vec<_>>(), level);
             }
             ScaledLoad::Muscle(muscle) => {
-                body.add_muscle(muscle, level, (&self.network, &self.mesh.tets));
+                body.add_muscle(muscle, level, (&self.model.network, &self.mesh.tets));
             }
         }
     }
@@ -252,22 +157,12 @@ impl CpuTets {
     pub(super) fn rebuild_body(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
         let mut body = self.body(None)?;
         body.set_state(
-            &self.metres(positions),
-            &self.velocities_in_metres(velocities),
+            &self.to_metres(positions),
+            &self.to_metres_per_second(velocities),
         )?;
         *self.worker.body() = body;
         self.synced_loads = None;
         self.changes += 1;
         self.upload_now()
-    }
-
-    /// Rebuilds the body with `parts` chunks if it has another number; its state must be set
-    /// afterwards.
-    pub(super) fn repartition(&mut self, parts: usize) -> Result<()> {
-        if self.worker.body().parts() != parts {
-            let body = self.body(Some(parts))?;
-            *self.worker.body() = body;
-        }
-        Ok(())
     }
 }

@@ -5,7 +5,7 @@ use crate::Result;
 use crate::physics::StepRecord;
 use crate::physics::cpu::runtime::energy_guard::StepFailure;
 use crate::physics::cpu::runtime::steppable::{
-    GridParticles, LoadUpdate, Precision, Steppable, pack, unpack,
+    GridParticles, LoadUpdate, Precision, Resumable, Steppable, pack, unpack,
 };
 use crate::physics::cpu::scalar::Real;
 use crate::physics::grid::GridModel;
@@ -73,7 +73,9 @@ impl<T: Real> Steppable for CpuGridBody<T> {
             None => Ok(()),
         }
     }
+}
 
+impl<T: Real> Resumable for CpuGridBody<T> {
     fn parts(&self) -> usize {
         CpuGridBody::parts(self)
     }

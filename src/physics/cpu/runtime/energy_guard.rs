@@ -1,7 +1,9 @@
 //! Acceptance checks of a step and the totals they use. The GPU counterpart is
 //! `shaders/physics/check.wgsl`.
 
+use crate::FailureCause;
 use crate::physics::model::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
+use crate::physics::simulator::time_step::time_step_message;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -47,13 +49,25 @@ pub enum StepFailure {
     SelfContactBlocked,
 }
 
+impl StepFailure {
+    /// The cause as errors state it.
+    pub fn cause(&self) -> FailureCause {
+        match self {
+            StepFailure::RunawayEnergy { .. } => FailureCause::RunawayEnergy,
+            StepFailure::Diverged => FailureCause::FlownApart,
+            StepFailure::InvertedTets => FailureCause::InvertedTets,
+            StepFailure::NotConverged { .. }
+            | StepFailure::ToolPenetration
+            | StepFailure::SelfContactBlocked => FailureCause::NotConverged,
+            StepFailure::BadStep { .. } | StepFailure::NonFinite => FailureCause::NotFinite,
+        }
+    }
+}
+
 impl fmt::Display for StepFailure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            StepFailure::BadStep { h } => write!(
-                f,
-                "time step must be finite and > 0, got {h} s"
-            ),
+            StepFailure::BadStep { h } => f.write_str(&time_step_message(*h)),
             StepFailure::NonFinite => {
                 f.write_str("a position, velocity or force is no longer finite")
             }

@@ -1,7 +1,11 @@
-//! The worker thread that steps a body, its traits, load updates and step checks.
+//! Bodies on worker threads: the simulator that their models share, the worker and its traits, load
+//! updates and step checks.
 
+pub(super) mod checkpoint;
 pub(super) mod energy_guard;
 pub(super) mod inversion;
 pub(super) mod load_sync;
+mod simulator;
 pub(super) mod steppable;
+pub(super) mod threaded_simulator;
 pub(super) mod worker;

@@ -58,19 +58,22 @@ pub(in crate::physics) trait Steppable: Send + 'static {
 
     /// Applies changed loads.
     fn apply_loads(&mut self, change: LoadUpdate) -> Result<()>;
+}
 
+/// A body whose whole state can be saved and restored.
+pub(in crate::physics) trait Resumable: Steppable {
     /// Number of chunks that its nodes are partitioned into.
     fn parts(&self) -> usize;
 
     /// Returns the whole state, serialised.
     fn serialise_state(&self) -> Result<Vec<u8>>;
 
-    /// Restores a state from [`Steppable::serialise_state`] of a body made in the same way.
+    /// Restores a state from [`Resumable::serialise_state`] of a body made in the same way.
     fn resume(&mut self, packed: &[u8]) -> Result<()>;
 }
 
 /// A tetrahedral body.
-pub(in crate::physics::cpu) trait TetBody: Steppable {
+pub(in crate::physics) trait TetBody: Resumable {
     /// Adds a term on the nodes of `network`, the model of this body.
     fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &DiscreteModel);
 
@@ -117,7 +120,7 @@ pub(in crate::physics::cpu) trait TetBody: Steppable {
 }
 
 /// Particles of a grid.
-pub(in crate::physics::cpu) trait GridParticles: Steppable {
+pub(in crate::physics) trait GridParticles: Resumable {
     /// Replaces the set of springs.
     fn set_springs(&mut self, springs: &[u32]) -> Result<()>;
 

@@ -5,6 +5,7 @@ use super::body::GridBody;
 use crate::gpu::{Array, Gpu, Pass, Recorder};
 use crate::physics::gpu::grab_lists::GrabLists;
 use crate::physics::grid::shape::MIN_NORMAL_SUM;
+use crate::physics::simulator::time_step::check_time_step;
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
 
@@ -123,15 +124,6 @@ pub(in crate::physics) struct InFlightSteps {
 /// Size of the status, in bytes.
 pub(in crate::physics) const STATUS: u64 = size_of::<GridStatus>() as u64;
 
-fn check(dt: f64) -> Result<()> {
-    match dt > 0.0 && dt.is_finite() {
-        true => Ok(()),
-        false => Err(Error::Input(format!(
-            "time step must be finite and > 0, got {dt} s"
-        ))),
-    }
-}
-
 fn record(passes: &[Option<Pass>], n: usize, work: &mut Recorder) {
     if let Some(Some(pass)) = passes.get(n) {
         pass.record(work);
@@ -153,7 +145,7 @@ impl GridBody {
     /// # Errors
     /// [`Error::Input`] if the step is invalid, [`Error::Gpu`] if the device rejects the work.
     pub fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
-        check(dt)?;
+        check_time_step(dt)?;
         if steps > 0 {
             self.pending_steps.push_back((steps, dt));
         }
@@ -250,7 +242,7 @@ impl GridBody {
     /// # Errors
     /// [`Error::Input`] if the step is invalid, [`Error::Gpu`] if the device rejects the work.
     pub fn record(&mut self, work: &mut Recorder, steps: u32, dt: f64) -> Result<()> {
-        check(dt)?;
+        check_time_step(dt)?;
         if steps == 0 {
             return Ok(());
         }
