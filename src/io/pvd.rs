@@ -1,12 +1,11 @@
 //! Time series of meshes: ParaView `.pvd` files.
 
+use super::vtu_tags::{attribute, for_each_tag};
 use super::cursor::ParseResult;
 use super::vtu_write::{self, escaped};
 use crate::mesh::{Field, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
-use quick_xml::Reader;
-use quick_xml::events::Event;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -224,31 +223,9 @@ pub(super) fn frames_of(mut listed: Vec<Listed>) -> ParseResult<Vec<Frame>> {
 }
 
 pub(super) fn parse(bytes: &[u8]) -> ParseResult<Vec<Listed>> {
-    let mut reader = Reader::from_reader(bytes);
     let mut frames = Vec::new();
-    let mut depth = 0usize;
-    loop {
-        let event = reader
-            .read_event()
-            .map_err(|e| format!("byte {}: invalid XML: {e}", reader.error_position()))?;
-        let tag = match &event {
-            Event::Start(tag) => {
-                depth += 1;
-                tag
-            }
-            Event::Empty(tag) => tag,
-            Event::End(_) => {
-                depth = depth.saturating_sub(1);
-                continue;
-            }
-            Event::Eof if depth > 0 => return Err("unexpected end of file (truncated)".into()),
-            Event::Eof if frames.is_empty() => {
-                return Err("series has no frames (<DataSet> tags)".into());
-            }
-            Event::Eof => return Ok(frames),
-            _ => continue,
-        };
-        let value = |name| super::vtu_tags::attribute(tag, name);
+    for_each_tag(bytes, |tag| {
+        let value = |name| attribute(tag, name);
         match tag.name().as_ref() {
             b"VTKFile" if value("type").as_deref() != Some("Collection") => {
                 return Err(format!(
@@ -279,5 +256,10 @@ pub(super) fn parse(bytes: &[u8]) -> ParseResult<Vec<Listed>> {
             }
             _ => {}
         }
+        Ok(())
+    })?;
+    match frames.is_empty() {
+        true => Err("series has no frames (<DataSet> tags)".into()),
+        false => Ok(frames),
     }
 }

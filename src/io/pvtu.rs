@@ -8,13 +8,11 @@
 use super::cursor::ParseResult;
 use super::join::{CELL_IDS, DUPLICATE, GHOSTS, NODE_IDS, PieceData, joined};
 use super::raw_mesh::RawMesh;
-use super::vtu_tags::attribute;
+use super::vtu_tags::{attribute, for_each_tag};
 use super::vtu_write::{self, escaped};
 use super::{scalar, vtu};
 use crate::mesh::{Field, Location, MeshPiece, ScalarType};
 use crate::{Error, Result};
-use quick_xml::Reader;
-use quick_xml::events::Event;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -39,30 +37,8 @@ pub fn piece_files(path: impl AsRef<Path>) -> Result<Vec<PathBuf>> {
 
 /// Parses the files listed by an index.
 pub(super) fn index(bytes: &[u8]) -> ParseResult<Vec<String>> {
-    let mut reader = Reader::from_reader(bytes);
     let mut files = Vec::new();
-    let mut depth = 0usize;
-    loop {
-        let event = reader
-            .read_event()
-            .map_err(|e| format!("byte {}: invalid XML: {e}", reader.error_position()))?;
-        let tag = match &event {
-            Event::Start(tag) => {
-                depth += 1;
-                tag
-            }
-            Event::Empty(tag) => tag,
-            Event::End(_) => {
-                depth = depth.saturating_sub(1);
-                continue;
-            }
-            Event::Eof if depth > 0 => return Err("unexpected end of file (truncated)".into()),
-            Event::Eof if files.is_empty() => {
-                return Err("file has no pieces (<Piece> tags)".into());
-            }
-            Event::Eof => return Ok(files),
-            _ => continue,
-        };
+    for_each_tag(bytes, |tag| {
         match tag.name().as_ref() {
             b"VTKFile" => {
                 let kind = attribute(tag, "type").unwrap_or_default();
@@ -81,6 +57,11 @@ pub(super) fn index(bytes: &[u8]) -> ParseResult<Vec<String>> {
             }
             _ => {}
         }
+        Ok(())
+    })?;
+    match files.is_empty() {
+        true => Err("file has no pieces (<Piece> tags)".into()),
+        false => Ok(files),
     }
 }
 

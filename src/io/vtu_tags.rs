@@ -2,7 +2,36 @@
 
 use super::cursor::ParseResult;
 use super::vtu_data::{Compressor, Layout};
-use quick_xml::events::BytesStart;
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
+
+/// Calls `each` for every opening tag of an XML file.
+///
+/// # Errors
+/// Invalid XML, a truncated file, or an error of `each`.
+pub(super) fn for_each_tag(
+    bytes: &[u8],
+    mut each: impl FnMut(&BytesStart) -> ParseResult<()>,
+) -> ParseResult<()> {
+    let mut reader = Reader::from_reader(bytes);
+    let mut depth = 0usize;
+    loop {
+        let event = reader
+            .read_event()
+            .map_err(|e| format!("byte {}: invalid XML: {e}", reader.error_position()))?;
+        match &event {
+            Event::Start(tag) => {
+                depth += 1;
+                each(tag)?;
+            }
+            Event::Empty(tag) => each(tag)?,
+            Event::End(_) => depth = depth.saturating_sub(1),
+            Event::Eof if depth > 0 => return Err("unexpected end of file (truncated)".into()),
+            Event::Eof => return Ok(()),
+            _ => {}
+        }
+    }
+}
 
 /// A `<DataArray>` tag.
 #[derive(Default)]

@@ -50,6 +50,37 @@ pub struct SurfaceTarget<'a> {
     pub background: Option<[f32; 4]>,
 }
 
+impl SurfaceTarget<'_> {
+    /// Begins a pass that draws into the target.
+    pub(crate) fn begin<'p>(
+        &self,
+        work: &'p mut Recorder,
+        label: &str,
+    ) -> wgpu::RenderPass<'p> {
+        let colour_load = match self.background {
+            Some(c) => {
+                let [r, g, b, a] = c.map(f64::from);
+                wgpu::LoadOp::Clear(wgpu::Color { r, g, b, a })
+            }
+            None => wgpu::LoadOp::Load,
+        };
+        let depth_load = match self.background {
+            Some(_) => wgpu::LoadOp::Clear(0.0),
+            None => wgpu::LoadOp::Load,
+        };
+        let depth = wgpu::RenderPassDepthStencilAttachment {
+            view: self.depth,
+            depth_ops: Some(wgpu::Operations {
+                load: depth_load,
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        };
+        let colour = [attachment(self.colour, colour_load)];
+        work.render_pass(label, &colour, Some(depth))
+    }
+}
+
 /// Renderer of the boundary of a [`Geometry`].
 pub struct Surface {
     gpu: Gpu,
@@ -297,27 +328,7 @@ impl Surface {
         self.refresh.record(work);
         if let Some(draw) = self.draws.get(&format) {
             draw.set_params(work, &view)?;
-            let colour_load = match target.background {
-                Some(c) => {
-                    let [r, g, b, a] = c.map(f64::from);
-                    wgpu::LoadOp::Clear(wgpu::Color { r, g, b, a })
-                }
-                None => wgpu::LoadOp::Load,
-            };
-            let depth_load = match target.background {
-                Some(_) => wgpu::LoadOp::Clear(0.0),
-                None => wgpu::LoadOp::Load,
-            };
-            let depth = wgpu::RenderPassDepthStencilAttachment {
-                view: target.depth,
-                depth_ops: Some(wgpu::Operations {
-                    load: depth_load,
-                    store: wgpu::StoreOp::Store,
-                }),
-                stencil_ops: None,
-            };
-            let colour = [attachment(target.colour, colour_load)];
-            let mut pass = work.render_pass("render/surface", &colour, Some(depth));
+            let mut pass = target.begin(work, "render/surface");
             draw.record(&mut pass, self.corners, 1);
         }
         Ok(())

@@ -126,9 +126,9 @@ impl Stage {
         Annotations {
             title: picture.title.clone(),
             time: self.frame_time().filter(|_| picture.time == Some(true)),
-            legend: self.surroundings.legend.then(|| self.legend()),
+            legend: self.looks.surroundings.legend.then(|| self.legend()),
             scale_bar: (picture.scale_bar == Some(true)).then_some(ScaleBar {
-                length_unit: self.surroundings.length_unit,
+                length_unit: self.looks.surroundings.length_unit,
             }),
             axes: picture.axes,
         }
@@ -136,7 +136,7 @@ impl Stage {
 
     /// Sets the displayed time, in place of the simulated time, such as that of a recorded series.
     pub fn set_displayed_time(&mut self, time: FrameTime) {
-        self.surroundings.time = Some(time);
+        self.looks.surroundings.time = Some(time);
     }
 
     /// Returns the time displayed in a picture.
@@ -147,12 +147,12 @@ impl Stage {
                 resolution: motion.dt * f64::from(self.steps().max(1)),
             })
         };
-        self.surroundings.time.or_else(simulated)
+        self.looks.surroundings.time.or_else(simulated)
     }
 
     fn legend(&self) -> Legend {
-        let seen = &self.scalars;
-        let frame = self.raycaster.geometry().frame();
+        let seen = &self.looks.scalars;
+        let frame = self.looks.raycaster.geometry().frame();
         let transfer = self
             .surroundings
             .transfer
@@ -163,7 +163,7 @@ impl Stage {
                 regions: self.swatches(frame.scale),
             };
         }
-        let colours = match self.mode {
+        let colours = match self.looks.mode {
             DisplayMode::Inside(Mode::Composite) => BarColours::Transfer {
                 transfer,
                 way: Some(STRIP_DEPTH * frame.scale),
@@ -174,11 +174,11 @@ impl Stage {
                 way: None,
             },
         };
-        let computed = self.computed_field.as_ref().map(|shown| shown.field);
+        let computed = self.looks.computed_field.as_ref().map(|shown| shown.field);
         let unit = match computed {
-            Some(BodyField::Displacement) => self.surroundings.unit(),
+            Some(BodyField::Displacement) => self.looks.surroundings.unit(),
             Some(field) => field.unit().to_owned(),
-            None if seen.name == DEPTH => self.surroundings.unit(),
+            None if seen.name == DEPTH => self.looks.surroundings.unit(),
             None => String::new(),
         };
         Legend::Bar(ColourBar {
@@ -191,23 +191,23 @@ impl Stage {
 
     /// Returns the visible regions in the picture's colours; `size` is the body's extent.
     fn swatches(&self, size: f64) -> Vec<Swatch> {
-        let range = self.scalars.range;
+        let range = self.looks.scalars.range;
         let grey = |s: f64| {
             let share = (s - range.0) / (range.1 - range.0).max(f64::MIN_POSITIVE);
             [share.clamp(0.0, 1.0); 3]
         };
-        let through = self.mode == DisplayMode::Inside(Mode::Composite);
+        let through = self.looks.mode == DisplayMode::Inside(Mode::Composite);
         let looks = self
             .scalars
             .regions
             .iter()
-            .zip(&self.surroundings.of_regions);
+            .zip(&self.looks.surroundings.of_regions);
         let swatches = looks.filter_map(|((name, scalar), look)| {
             let transfer = look.as_ref()?.to_absolute(range, size);
             let seen = !through || transfer.extinction(*scalar) > 0.0;
             seen.then(|| Swatch {
                 name: name.clone(),
-                colour: match self.mode {
+                colour: match self.looks.mode {
                     DisplayMode::Inside(mode) if mode != Mode::Composite => grey(*scalar),
                     _ => transfer.colour(*scalar),
                 },
@@ -224,8 +224,8 @@ impl Stage {
     pub fn render_annotated(&mut self) -> Result<Image> {
         let image = self.image()?;
         let mut annotations = self.annotations();
-        if self.mode == DisplayMode::Inside(Mode::Xray) {
-            let (mut image, white) = self.film.develop(&image);
+        if self.looks.mode == DisplayMode::Inside(Mode::Xray) {
+            let (mut image, white) = self.looks.film.develop(&image);
             if annotations.legend.is_some() {
                 annotations.legend = Some(Legend::Bar(ColourBar {
                     name: "∫ μ dl".into(),
@@ -235,7 +235,7 @@ impl Stage {
                 }));
             }
             if !annotations.is_empty() {
-                annotations.draw(&mut image, &self.camera, self.background)?;
+                annotations.draw(&mut image, &self.looks.camera, self.looks.background)?;
             }
             return Ok(image);
         }
@@ -246,12 +246,12 @@ impl Stage {
         if let (Some(longest), Some(_)) = (longest, &annotations.legend) {
             annotations.legend = Some(Legend::Bar(ColourBar {
                 name: "thickness".into(),
-                unit: self.surroundings.unit(),
+                unit: self.looks.surroundings.unit(),
                 range: (0.0, f64::from(longest)),
                 colours: BarColours::Grey,
             }));
         }
-        annotations.draw(&mut image, &self.camera, self.background)?;
+        annotations.draw(&mut image, &self.looks.camera, self.looks.background)?;
         Ok(image)
     }
 
@@ -266,7 +266,7 @@ impl Stage {
             true => self.image()?,
             false => self.render_annotated()?,
         };
-        image.save_as(path, self.background, self.bits)
+        image.save_as(path, self.looks.background, self.looks.bits)
     }
 
     /// Renders the picture as [`Stage::save`] writes it to a PNG of 8 bits: RGBA per pixel, row by
@@ -275,7 +275,7 @@ impl Stage {
     /// # Errors
     /// As [`Stage::image`].
     pub fn rgba(&mut self) -> Result<Vec<u8>> {
-        Ok(self.render_annotated()?.rgba8(self.background))
+        Ok(self.render_annotated()?.rgba8(self.looks.background))
     }
 
     /// Returns a writer for pictures requested by [`Stage::render_async`], with the current
@@ -283,9 +283,9 @@ impl Stage {
     pub fn picture_writer(&self) -> PictureWriter {
         PictureWriter {
             annotations: self.annotations(),
-            camera: self.camera,
-            background: self.background,
-            bits: self.bits,
+            camera: self.looks.camera,
+            background: self.looks.background,
+            bits: self.looks.bits,
         }
     }
 
@@ -296,12 +296,12 @@ impl Stage {
     #[cfg(not(target_arch = "wasm32"))]
     pub fn film(&mut self, film: &mut Animation) -> Result<()> {
         let image = self.render_annotated()?;
-        film.push(&image, self.background)
+        film.push(&image, self.looks.background)
     }
 
     /// Returns a note if a picture of that name lacks the annotations set in the scene.
     pub fn annotation_note(&self, path: impl AsRef<Path>) -> Option<String> {
-        let is_thickness = self.mode == DisplayMode::Inside(Mode::Thickness);
+        let is_thickness = self.looks.mode == DisplayMode::Inside(Mode::Thickness);
         let left_out = is_exr(path.as_ref()) && !self.annotations().is_empty();
         (left_out && !is_thickness).then(|| EXR_HAS_NONE.into())
     }

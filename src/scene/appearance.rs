@@ -17,8 +17,11 @@ use crate::skin::{Compositor, Skin};
 /// The part of a [`Stage`](super::Stage) that depends on the appearance of the body, not on its
 /// motion.
 pub(super) struct SceneAppearance {
+    /// Data of the annotations.
     pub surroundings: AnnotationContext,
+    /// Film of X-ray pictures.
     pub film: RadiographFilm,
+    /// Supersampling factor per axis.
     pub samples: u32,
     pub camera: Camera,
     pub size: [u32; 2],
@@ -27,9 +30,11 @@ pub(super) struct SceneAppearance {
     pub bits: BitDepth,
     pub composer: Compositor,
     pub skins: Vec<Skin>,
+    /// The displayed tools.
     pub tools: Vec<ToolSkin>,
     pub scalars: ScalarField,
-    pub shown: Option<ComputedField>,
+    /// The displayed field, if it is recomputed for each picture.
+    pub computed_field: Option<ComputedField>,
     pub raycaster: Raycaster,
     pub surface: Surface,
     /// Automatic choices, as messages.
@@ -43,7 +48,7 @@ impl SceneAppearance {
         let (mesh, topology) = (drive.mesh(), drive.topology());
         let mut notes = Vec::new();
         computed_field::check_output_fields(scene, drive)?;
-        let (scans, shown, scalars) = match scene.scans(mesh)? {
+        let (scans, computed_field, scalars) = match scene.scans(mesh)? {
             Some(SceneScans {
                 scans,
                 seen,
@@ -53,7 +58,7 @@ impl SceneAppearance {
                 (scans, None, seen)
             }
             None => match ComputedField::new(scene, drive)? {
-                Some((shown, scalars)) => (Vec::new(), Some(shown), scalars),
+                Some((field, scalars)) => (Vec::new(), Some(field), scalars),
                 None => (Vec::new(), None, scene.scalar_field(mesh, topology)?),
             },
         };
@@ -104,7 +109,7 @@ impl SceneAppearance {
             skins,
             tools,
             scalars,
-            shown,
+            computed_field,
             raycaster,
             surface,
             notes,

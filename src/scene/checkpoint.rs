@@ -231,7 +231,7 @@ impl Stage {
             sleep: motion.sleep,
             progress: motion.progress,
             dt: motion.dt,
-            found: self.computed_field.as_ref().map(|s| s.observed_range),
+            found: self.looks.computed_field.as_ref().map(|s| s.observed_range),
             simulator: motion.simulator.state()?,
         })
     }
@@ -295,7 +295,7 @@ impl Stage {
         motion.simulator.set_state(&checkpoint.simulator)?;
         motion.sleep = checkpoint.sleep;
         motion.progress = checkpoint.progress;
-        if let (Some(shown), Some(found)) = (&mut self.computed_field, checkpoint.found) {
+        if let (Some(shown), Some(found)) = (&mut self.looks.computed_field, checkpoint.found) {
             shown.observed_range = found;
         }
         self.cached = None;

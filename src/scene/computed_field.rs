@@ -135,7 +135,7 @@ impl Stage {
     /// Recomputes the displayed field if it is a computed one and the nodes have moved. On the GPU
     /// this reads back the positions of the last submitted work.
     pub(super) fn refresh_field(&mut self) -> Result<()> {
-        let (Some(shown), NodeSource::Simulated(motion)) = (&mut self.computed_field, &self.drive)
+        let (Some(shown), NodeSource::Simulated(motion)) = (&mut self.looks.computed_field, &self.drive)
         else {
             return Ok(());
         };
@@ -151,15 +151,15 @@ impl Stage {
             shown.observed_range.0.min(low),
             shown.observed_range.1.max(high),
         );
-        self.scalars.values = values;
+        self.looks.scalars.values = values;
         if !shown.given {
-            self.scalars.range = shown.range();
+            self.looks.scalars.range = shown.range();
         }
-        let geometry = self.raycaster.geometry_mut();
-        geometry.set_scalars(body.mesh(), &self.scalars.values, self.scalars.range)?;
-        self.raycaster.update_range()?;
-        let geometry = self.raycaster.geometry();
-        self.surface.set_scalars(geometry, &self.scalars.values)
+        let geometry = self.looks.raycaster.geometry_mut();
+        geometry.set_scalars(body.mesh(), &self.looks.scalars.values, self.looks.scalars.range)?;
+        self.looks.raycaster.update_range()?;
+        let geometry = self.looks.raycaster.geometry();
+        self.looks.surface.set_scalars(geometry, &self.looks.scalars.values)
     }
 
     /// Returns a note of the range of the computed field over the pictures so far.

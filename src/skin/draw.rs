@@ -12,7 +12,7 @@ use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
 use crate::mesh::{Field, SurfaceDescription, TriMesh};
 use crate::physics::Simulator;
 use crate::render::{
-    Camera, CameraTransform, ClipPlanes, Image, ImageRegion, Sections, SurfaceTarget, attachment,
+    Camera, CameraTransform, ClipPlanes, Image, ImageRegion, Sections, SurfaceTarget,
     depth_target, downsampled, draw_in_tiles, local_positions,
 };
 use crate::skin::basis::VertexBinding;
@@ -401,27 +401,7 @@ impl Skin {
         };
         draw.set_params(work, &params)?;
         let cull = self.cull.as_ref();
-        let colour_load = match target.background {
-            Some(c) => {
-                let [r, g, b, a] = c.map(f64::from);
-                wgpu::LoadOp::Clear(wgpu::Color { r, g, b, a })
-            }
-            None => wgpu::LoadOp::Load,
-        };
-        let depth_load = match target.background {
-            Some(_) => wgpu::LoadOp::Clear(0.0),
-            None => wgpu::LoadOp::Load,
-        };
-        let depth = wgpu::RenderPassDepthStencilAttachment {
-            view: target.depth,
-            depth_ops: Some(wgpu::Operations {
-                load: depth_load,
-                store: wgpu::StoreOp::Store,
-            }),
-            stencil_ops: None,
-        };
-        let colour = [attachment(target.colour, colour_load)];
-        let mut pass = work.render_pass("skin/draw", &colour, Some(depth));
+        let mut pass = target.begin(work, "skin/draw");
         match cull {
             Some(cull) => draw.record_indexed_indirect(&mut pass, &cull.drawn, &cull.arguments),
             None if self.corners == 0 => {}

@@ -88,19 +88,6 @@ pub fn implicit_euler(p: &mut ReferenceSprings, h: f64, tolerance: f64) -> Optio
     Some(solution.iterations)
 }
 
-/// As [`implicit_euler`] with at most `most` iterations, converged or not. Returns the number of
-/// iterations and the remaining relative residual.
-pub fn implicit_euler_within(
-    p: &mut ReferenceSprings,
-    h: f64,
-    tolerance: f64,
-    most: u32,
-) -> (u32, f64) {
-    let solution = solve_implicit(p, h, tolerance, most);
-    advance_implicit(p, h, &solution.x);
-    (solution.iterations, solution.residual)
-}
-
 fn solve_implicit(p: &ReferenceSprings, h: f64, tolerance: f64, most: u32) -> Solution {
     let f = p.forces();
     let kv = p.stiffness_product(&p.v, true);

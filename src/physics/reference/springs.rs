@@ -185,12 +185,6 @@ impl ReferenceSprings {
             .collect()
     }
 
-    /// Returns the 3×3 diagonal blocks of −∂f/∂x of the elastic spring forces, or of −K̃ if
-    /// `clamped`.
-    pub fn stiffness_blocks(&self, clamped: bool) -> Vec<DMat3> {
-        self.blocks(|i, j, s| self.stiffness_block(i, j, s, clamped))
-    }
-
     /// Sums `share(node, other node, spring)` into the blocks of both ends of every spring.
     fn blocks(&self, share: impl Fn(usize, usize, &Spring) -> DMat3) -> Vec<DMat3> {
         let mut blocks = vec![DMat3::ZERO; self.x.len()];

@@ -7,6 +7,7 @@ use crate::physics::SolverKind;
 use crate::physics::grid::GridShape;
 use crate::scene::active_blade::ActiveBlade;
 use crate::scene::appearance::SceneAppearance;
+use crate::scene::simulator::SimulatorSetup;
 use crate::scene::{Motion, Scene, ToolEntry, bodies};
 use crate::{Error, Result, no_progress};
 
@@ -83,7 +84,8 @@ impl Stage {
             stage.fit_view(&[])?;
             return Ok(stage);
         };
-        let (motion, setup_notes) = Motion::new(gpu, scene, kind, mesh, shape)?;
+        let (setup, setup_notes) = SimulatorSetup::new(gpu, scene, kind, mesh, shape)?;
+        let motion = Motion::of_setup(scene, setup)?;
         Stage::with_drive(
             gpu,
             scene,
@@ -112,35 +114,21 @@ impl Stage {
             let still = "the body is static, so grabs, cuts, floors and tools are ignored; set [solver] name";
             notes.push(still.into());
         }
-        let looks = SceneAppearance::new(gpu, scene, &mut drive)?;
+        let mut looks = SceneAppearance::new(gpu, scene, &mut drive)?;
         notes.extend(setup_notes);
-        notes.extend(looks.notes);
+        notes.append(&mut looks.notes);
         Ok(Stage {
             gpu: gpu.clone(),
-            surroundings: looks.surroundings,
-            film: looks.film,
-            samples: looks.samples,
-            camera: looks.camera,
-            size: looks.size,
-            mode: looks.mode,
-            background: looks.background,
+            drive,
+            looks,
+            scene: scene.clone(),
+            cutters,
+            journal: None,
             backdrop: [0.0, 0.0, 0.0, 1.0],
-            bits: looks.bits,
             steps: scene.solver.steps.unwrap_or(STEPS),
             cached: None,
             pictures: [0; 2],
             depth: None,
-            composer: looks.composer,
-            cutters,
-            journal: None,
-            skins: looks.skins,
-            tools: looks.tools,
-            scene: scene.clone(),
-            scalars: looks.scalars,
-            computed_field: looks.shown,
-            drive,
-            raycaster: looks.raycaster,
-            surface: looks.surface,
             notes,
         })
     }

@@ -41,40 +41,40 @@ impl Stage {
             mover.apply_cut(&change.mesh.duplicated_nodes);
         }
         if !change.mesh.is_empty() {
-            self.scalars.apply_cut(&change.mesh);
+            self.looks.scalars.apply_cut(&change.mesh);
             let (mesh, topology) = (simulator.mesh(), simulator.topology());
-            let (positions, scalars) = (simulator.nodes().array(), self.scalars.scalars());
-            let geometry = self.raycaster.geometry_mut();
+            let (positions, scalars) = (simulator.nodes().array(), self.looks.scalars.scalars());
+            let geometry = self.looks.raycaster.geometry_mut();
             geometry.apply_cut(mesh, topology, &change.mesh, positions, scalars)?;
             if !change.mesh.removed.is_empty() {
-                let transfer = self.scene.transfer(&self.scalars)?;
+                let transfer = self.scene.transfer(&self.looks.scalars)?;
                 let looks = self.scene.region_looks(mesh, topology, &transfer)?;
-                self.raycaster.set_regions(looks.as_ref())?;
+                self.looks.raycaster.set_regions(looks.as_ref())?;
             }
-            self.raycaster.follow_scans(mesh)?;
-            self.surface
-                .follow(self.raycaster.geometry(), &self.scalars.values)?;
+            self.looks.raycaster.follow_scans(mesh)?;
+            self.looks.surface
+                .follow(self.looks.raycaster.geometry(), &self.looks.scalars.values)?;
         }
         let hit = !change.is_empty();
         if hit && let (Some(journal), Some(pose)) = (&mut self.journal, pose) {
             journal.note(blade, pose);
         }
-        if hit && !self.skins.is_empty() {
+        if hit && !self.looks.skins.is_empty() {
             let carrier = carrier(&self.gpu, &mut self.drive)?;
             let skins = self.scene.skin.iter().filter(|skin| !skin.hidden);
             let tools = self.scene.carried.iter().filter(|tool| !tool.hidden);
-            self.skins.truncate(skins.count() + tools.count());
+            self.looks.skins.truncate(skins.count() + tools.count());
             let mut walls = Vec::new();
-            for skin in &mut self.skins {
+            for skin in &mut self.looks.skins {
                 walls = skin.apply_cut(&carrier, blade)?.walls;
             }
-            if self.mode == DisplayMode::Skin && !walls.is_empty() {
+            if self.looks.mode == DisplayMode::Skin && !walls.is_empty() {
                 let mut walls = Skin::body_surface(&self.gpu, &carrier, Some(&walls))?;
                 let colour = self.scene.skin.iter().find_map(|skin| skin.cut_colour);
                 let colour = colour.unwrap_or(WALL);
                 walls.set_colour(&SkinColouring::Plain(colour))?;
-                walls.set_sections(self.raycaster.inside())?;
-                self.skins.push(walls);
+                walls.set_sections(self.looks.raycaster.inside())?;
+                self.looks.skins.push(walls);
             }
         }
         Ok(hit)

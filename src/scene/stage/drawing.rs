@@ -28,7 +28,7 @@ impl PendingImage {
     pub fn try_take(&mut self) -> Result<Option<Image>> {
         let pixels = self.pixels.try_take()?;
         Ok(pixels.map(|pixels| Image {
-            size: self.size,
+            size: self.looks.size,
             channels: 4,
             values: pixels
                 .iter()
@@ -52,7 +52,7 @@ impl Stage {
         if let NodeSource::Simulated(motion) = &mut self.drive {
             motion.simulator.update_nodes(work)?;
         }
-        let (geometry, mesh) = (self.raycaster.geometry(), self.drive.mesh());
+        let (geometry, mesh) = (self.looks.raycaster.geometry(), self.drive.mesh());
         let drawn = [geometry.positions().len(), geometry.tet_count()].map(|n| n as usize);
         if drawn != [mesh.nodes.len(), mesh.tets.len()] {
             return Err(Error::Input(
@@ -70,10 +70,10 @@ impl Stage {
     /// As [`Geometry::pick`](crate::render::Geometry::pick).
     pub fn pick(&mut self, pixel: DVec2) -> Result<Option<Pick>> {
         self.publish_now()?;
-        let geometry = self.raycaster.geometry();
+        let geometry = self.looks.raycaster.geometry();
         match self.drive.nodes().put() {
-            Some(positions) => geometry.pick_positions(&positions, &self.camera, pixel, self.size),
-            None => geometry.pick(&self.camera, pixel, self.size),
+            Some(positions) => geometry.pick_positions(&positions, &self.looks.camera, pixel, self.looks.size),
+            None => geometry.pick(&self.looks.camera, pixel, self.looks.size),
         }
     }
 
@@ -88,7 +88,7 @@ impl Stage {
         }
         let version = self.drive.nodes().version();
         if let Some(cached) = &self.cached
-            && (cached.version, cached.camera) == (version, self.camera)
+            && (cached.version, cached.camera) == (version, self.looks.camera)
         {
             self.pictures[1] += 1;
             return Ok(cached.image.clone());
@@ -97,7 +97,7 @@ impl Stage {
         self.pictures[0] += 1;
         self.cached = Some(CachedFrame {
             version,
-            camera: self.camera,
+            camera: self.looks.camera,
             image: image.clone(),
         });
         Ok(image)
@@ -107,7 +107,7 @@ impl Stage {
     fn follow_tools(&mut self) -> Result<bool> {
         let mut moved = false;
         if let NodeSource::Simulated(motion) = &self.drive {
-            for tool in &mut self.tools {
+            for tool in &mut self.looks.tools {
                 moved |= tool.follow(&self.gpu, motion)?;
             }
         }
@@ -116,37 +116,37 @@ impl Stage {
 
     fn draw(&mut self) -> Result<Image> {
         self.refresh_field()?;
-        let samples = self.samples;
-        let bare = self.skins.is_empty() && self.tools.is_empty();
-        let shows = self.raycaster.inside().has_surfaces();
-        let tools = self.tools.iter_mut().map(|tool| &mut tool.skin);
-        match self.mode {
+        let samples = self.looks.samples;
+        let bare = self.looks.skins.is_empty() && self.looks.tools.is_empty();
+        let shows = self.looks.raycaster.inside().has_surfaces();
+        let tools = self.looks.tools.iter_mut().map(|tool| &mut tool.skin);
+        match self.looks.mode {
             DisplayMode::Inside(Mode::Composite) if !bare => {
-                let inside = Some(&mut self.raycaster);
-                let all = self.skins.iter_mut().chain(tools);
-                self.composer.image(all, inside, &self.camera, self.size)
+                let inside = Some(&mut self.looks.raycaster);
+                let all = self.looks.skins.iter_mut().chain(tools);
+                self.looks.composer.image(all, inside, &self.looks.camera, self.looks.size)
             }
             DisplayMode::Inside(mode) => {
-                let fine = self.size.map(|n| n.saturating_mul(samples));
-                let image = self.raycaster.image(&self.camera, fine, mode)?;
+                let fine = self.looks.size.map(|n| n.saturating_mul(samples));
+                let image = self.looks.raycaster.image(&self.looks.camera, fine, mode)?;
                 Ok(match samples {
                     1 => image,
                     n => image.box_downsampled(n),
                 })
             }
             DisplayMode::Surface if shows || tools.len() > 0 => {
-                let surface = (&mut self.surface, tools);
-                let inside = shows.then_some(&mut self.raycaster);
-                self.composer
-                    .boundary_image(surface, inside, &self.camera, self.size)
+                let surface = (&mut self.looks.surface, tools);
+                let inside = shows.then_some(&mut self.looks.raycaster);
+                self.looks.composer
+                    .boundary_image(surface, inside, &self.looks.camera, self.looks.size)
             }
             DisplayMode::Surface => {
-                let camera = &self.camera;
-                self.surface.image_of_samples(camera, self.size, samples)
+                let camera = &self.looks.camera;
+                self.looks.surface.image_of_samples(camera, self.looks.size, samples)
             }
             DisplayMode::Skin => {
-                let all = self.skins.iter_mut().chain(tools);
-                self.composer.image(all, None, &self.camera, self.size)
+                let all = self.looks.skins.iter_mut().chain(tools);
+                self.looks.composer.image(all, None, &self.looks.camera, self.looks.size)
             }
         }
     }
@@ -168,38 +168,38 @@ impl Stage {
         };
         let size = [colour.texture().width(), colour.texture().height()];
         // Tools outside the view are skipped.
-        let seen = |tool: &ToolSkin| tool.is_in_view(&self.camera, size);
-        let seen: Vec<bool> = self.tools.iter().map(seen).collect();
+        let seen = |tool: &ToolSkin| tool.is_in_view(&self.looks.camera, size);
+        let seen: Vec<bool> = self.looks.tools.iter().map(seen).collect();
         let has_tools = seen.contains(&true);
-        let shows = self.raycaster.inside().has_surfaces();
-        if self.mode == DisplayMode::Surface && !(shows || has_tools) {
+        let shows = self.looks.raycaster.inside().has_surfaces();
+        if self.looks.mode == DisplayMode::Surface && !(shows || has_tools) {
             let depth = self.depth_for(colour)?;
             let target = SurfaceTarget {
                 colour,
                 depth: &depth,
                 background,
             };
-            return self.surface.record(work, &self.camera, &target);
+            return self.looks.surface.record(work, &self.looks.camera, &target);
         }
-        let camera = &self.camera;
-        let bare = self.skins.is_empty() && !has_tools;
-        let tools = self.tools.iter_mut().zip(seen);
+        let camera = &self.looks.camera;
+        let bare = self.looks.skins.is_empty() && !has_tools;
+        let tools = self.looks.tools.iter_mut().zip(seen);
         let tools = tools.filter_map(|(tool, seen)| seen.then_some(&mut tool.skin));
-        match self.mode {
+        match self.looks.mode {
             DisplayMode::Skin => {
-                let all = self.skins.iter_mut().chain(tools);
-                self.composer.record(work, all, None, camera, &target)
+                let all = self.looks.skins.iter_mut().chain(tools);
+                self.looks.composer.record(work, all, None, camera, &target)
             }
             DisplayMode::Inside(Mode::Composite) if !bare => {
-                let inside = Some(&mut self.raycaster);
-                let all = self.skins.iter_mut().chain(tools);
-                self.composer.record(work, all, inside, camera, &target)
+                let inside = Some(&mut self.looks.raycaster);
+                let all = self.looks.skins.iter_mut().chain(tools);
+                self.looks.composer.record(work, all, inside, camera, &target)
             }
-            DisplayMode::Inside(mode) => self.raycaster.record(work, camera, mode, &target),
+            DisplayMode::Inside(mode) => self.looks.raycaster.record(work, camera, mode, &target),
             DisplayMode::Surface => {
-                let surface = (&mut self.surface, tools);
-                let inside = shows.then_some(&mut self.raycaster);
-                self.composer
+                let surface = (&mut self.looks.surface, tools);
+                let inside = shows.then_some(&mut self.looks.raycaster);
+                self.looks.composer
                     .record_boundary(work, surface, inside, camera, &target)
             }
         }
@@ -213,7 +213,7 @@ impl Stage {
     pub fn render_async(&mut self) -> Result<PendingImage> {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let format = wgpu::TextureFormat::Rgba8Unorm;
-        let target = self.gpu.target("picture", self.size, format, usage)?;
+        let target = self.gpu.target("picture", self.looks.size, format, usage)?;
         let backdrop = std::mem::replace(&mut self.backdrop, [0.0; 4]);
         let mut work = self.gpu.start_recording();
         let recorded = self.record(&mut work, &target);
@@ -221,7 +221,7 @@ impl Stage {
         recorded?;
         work.submit()?;
         Ok(PendingImage {
-            size: self.size,
+            size: self.looks.size,
             pixels: self.gpu.read_texture_async(target.texture())?,
         })
     }
@@ -246,7 +246,7 @@ impl Stage {
 
     /// Returns the file extension of the pictures of this stage.
     pub fn picture_extension(&self) -> &'static str {
-        match self.mode {
+        match self.looks.mode {
             DisplayMode::Inside(Mode::Thickness) => "exr",
             _ => "png",
         }

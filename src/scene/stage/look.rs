@@ -26,23 +26,13 @@ impl Stage {
             camera: scene.camera.clone(),
             ..self.scene.clone()
         };
-        let looks = SceneAppearance::new(&self.gpu, &scene, &mut self.drive)?;
-        self.surroundings = looks.surroundings;
-        self.film = looks.film;
-        self.samples = looks.samples;
-        self.mode = looks.mode;
-        self.background = looks.background;
-        self.bits = looks.bits;
-        self.composer = looks.composer;
-        self.skins = looks.skins;
-        self.tools = looks.tools;
-        self.scalars = looks.scalars;
-        self.computed_field = looks.shown;
-        self.raycaster = looks.raycaster;
-        self.surface = looks.surface;
+        let mut looks = SceneAppearance::new(&self.gpu, &scene, &mut self.drive)?;
+        (looks.camera, looks.size) = (self.looks.camera, self.looks.size);
+        let notes = std::mem::take(&mut looks.notes);
+        self.looks = looks;
         self.scene = scene;
         self.cached = None;
-        Ok(looks.notes)
+        Ok(notes)
     }
 
     /// As [`Stage::set_appearance`], but for planes and isosurfaces only, if the picture shows the
@@ -52,7 +42,7 @@ impl Stage {
     /// As [`Stage::set_appearance`].
     pub fn set_planes(&mut self, scene: &Scene) -> Result<Vec<String>> {
         // In other modes the lighting depends on the sections.
-        if self.mode != DisplayMode::Inside(Mode::Composite) {
+        if self.looks.mode != DisplayMode::Inside(Mode::Composite) {
             return self.set_appearance(scene);
         }
         let scene = Scene {
@@ -61,7 +51,7 @@ impl Stage {
             ..self.scene.clone()
         };
         let mut notes = Vec::new();
-        let inside = scene.inside(self.mode, &mut notes)?;
+        let inside = scene.inside(self.looks.mode, &mut notes)?;
         // Tools are not clipped by the planes of a scene.
         self.set_body_inside(&inside)?;
         self.scene = scene;
@@ -70,7 +60,7 @@ impl Stage {
 
     /// Returns the section planes and isosurfaces.
     pub fn inside(&self) -> &Sections {
-        self.raycaster.inside()
+        self.looks.raycaster.inside()
     }
 
     /// Sets the sections of the volume, boundary and skins; tools are clipped by planes in space
@@ -83,7 +73,7 @@ impl Stage {
         // Tools have no rest configuration.
         let mut in_space = inside.clone();
         in_space.planes.retain(|plane| !plane.at_rest);
-        for tool in &mut self.tools {
+        for tool in &mut self.looks.tools {
             tool.skin.set_sections(&in_space)?;
         }
         Ok(())
@@ -91,16 +81,16 @@ impl Stage {
 
     /// Sets the sections of the body and its skins, but not of tools.
     fn set_body_inside(&mut self, inside: &Sections) -> Result<()> {
-        if inside.needs_rest_positions() && !self.raycaster.inside().needs_rest_positions() {
+        if inside.needs_rest_positions() && !self.looks.raycaster.inside().needs_rest_positions() {
             let mesh = self.drive.mesh();
-            self.raycaster.geometry_mut().store_rest_positions(mesh)?;
+            self.looks.raycaster.geometry_mut().store_rest_positions(mesh)?;
         }
-        self.raycaster.set_sections(inside)?;
-        if self.mode == DisplayMode::Surface {
-            self.surface
-                .set_sections(inside, self.raycaster.geometry())?;
+        self.looks.raycaster.set_sections(inside)?;
+        if self.looks.mode == DisplayMode::Surface {
+            self.looks.surface
+                .set_sections(inside, self.looks.raycaster.geometry())?;
         }
-        for skin in &mut self.skins {
+        for skin in &mut self.looks.skins {
             skin.set_sections(inside)?;
         }
         self.cached = None;
@@ -109,7 +99,7 @@ impl Stage {
 
     /// Returns the transfer function of the displayed field, in absolute values.
     pub fn transfer(&self) -> ResolvedTransfer {
-        self.raycaster.transfer()
+        self.looks.raycaster.transfer()
     }
 
     /// Sets the transfer function of the volume; the boundary and regions with their own appearance
@@ -119,7 +109,7 @@ impl Stage {
     /// As [`Raycaster::set_transfer`](crate::render::Raycaster::set_transfer).
     pub fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
         self.cached = None;
-        self.raycaster.set_transfer(transfer)
+        self.looks.raycaster.set_transfer(transfer)
     }
 
     /// Sets the background of [`Stage::record`] as RGBA; default black.

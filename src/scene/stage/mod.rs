@@ -39,17 +39,12 @@ pub use report::{CgReport, StageReport, ToolReport};
 pub(super) use source::NodeSource;
 
 use super::active_blade::ActiveBlade;
-use super::annotations::AnnotationContext;
+use super::appearance::SceneAppearance;
 use super::checkpoint::CutHistory;
-use super::computed_field::ComputedField;
-use super::picture::DisplayMode;
-use super::tool_skin::ToolSkin;
-use super::xray::RadiographFilm;
 use super::{Motion, ScalarField, Scene};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::render::{Background, BitDepth, Camera, Raycaster, Surface};
-use crate::skin::{Compositor, Skin};
+use crate::skin::Skin;
 use drawing::CachedFrame;
 
 /// Default number of steps before a picture, if the scene has a solver.
@@ -59,32 +54,14 @@ pub const STEPS: u32 = 50;
 pub struct Stage {
     pub(super) gpu: Gpu,
     pub(super) drive: NodeSource,
-    pub(super) raycaster: Raycaster,
-    pub(super) surface: Surface,
-    pub(super) camera: Camera,
-    pub(super) size: [u32; 2],
-    pub(super) mode: DisplayMode,
-    pub(super) scalars: ScalarField,
-    /// The displayed field, if it is recomputed for each picture.
-    pub(super) computed_field: Option<ComputedField>,
+    /// What of it depends on the appearance of the body.
+    pub(super) looks: SceneAppearance,
     pub(super) scene: Scene,
-    pub(super) skins: Vec<Skin>,
-    /// The displayed tools.
-    pub(super) tools: Vec<ToolSkin>,
-    pub(super) composer: Compositor,
-    /// Data of the annotations.
-    pub(super) surroundings: AnnotationContext,
-    /// Film of X-ray pictures.
-    pub(super) film: RadiographFilm,
-    /// Supersampling factor per axis.
-    pub(super) samples: u32,
     pub(super) cutters: Vec<ActiveBlade>,
     /// History for checkpoints, if they are kept.
     pub(super) journal: Option<CutHistory>,
-    pub(super) background: Background,
     /// Background colour of recorded pictures.
     pub(super) backdrop: [f32; 4],
-    pub(super) bits: BitDepth,
     pub(super) steps: u32,
     /// The last picture, while it is up to date.
     pub(super) cached: Option<CachedFrame>,
@@ -118,13 +95,13 @@ impl Stage {
 
     /// Returns the displayed scalar field.
     pub fn scalar_field(&self) -> &ScalarField {
-        &self.scalars
+        &self.looks.scalars
     }
 
     /// Returns the skins in their current configuration; after a cut, in mode `skin`, the cut walls
     /// follow them.
     pub fn skins(&self) -> &[Skin] {
-        &self.skins
+        &self.looks.skins
     }
 
     /// Returns the notes of automatic choices and repairs.

@@ -42,7 +42,7 @@ impl Stage {
     /// Returns `scene` with the range of the displayed field over a series, if the scene does not
     /// set one; `None` if that changes nothing.
     pub fn with_series_range(&self, scene: &Scene, ranges: &FieldRanges) -> Option<Scene> {
-        let field = &self.scalars;
+        let field = &self.looks.scalars;
         let (low, high) = ranges.get(&field.name)?;
         let own = scene.picture.range.is_some() || !field.regions.is_empty();
         if own || !scene.scan.is_empty() || field.range == (low, high) {
@@ -80,7 +80,7 @@ impl Stage {
             return self.show_frame(&mesh.nodes, &mesh.fields).map(|()| same);
         }
         let mut scene = self.scene.clone();
-        let field = &self.scalars;
+        let field = &self.looks.scalars;
         let is_stored = own.fields.iter().any(|f| f.name == field.name);
         if is_stored && scene.scan.is_empty() && field.regions.is_empty() {
             scene.picture.field = Some(field.name.clone());
@@ -89,8 +89,8 @@ impl Stage {
         }
         let stage = Stage::with_mesh(&self.gpu, &scene, mesh)?;
         *self = Stage {
-            camera: self.camera,
-            size: self.size,
+            camera: self.looks.camera,
+            size: self.looks.size,
             backdrop: self.backdrop,
             ..stage
         };
@@ -105,7 +105,7 @@ impl Stage {
     /// [`Error::Input`] for a simulated body, for nodes or fields of another mesh, and if the
     /// displayed field is not finite or is at another location in this frame.
     pub fn show_frame(&mut self, nodes: &[DVec3], fields: &[Field]) -> Result<()> {
-        let name = &self.scalars.name;
+        let name = &self.looks.scalars.name;
         let has_field = |mesh: &TetMesh| {
             let mut own = [Location::Node, Location::Cell].into_iter();
             own.any(|at| mesh.field(name, at).is_some())
@@ -124,30 +124,30 @@ impl Stage {
         posed.show(nodes, fields)?;
         self.cached = None;
         let named = has_field(self.drive.mesh());
-        if !self.scene.scan.is_empty() || !self.scalars.regions.is_empty() || !named {
+        if !self.scene.scan.is_empty() || !self.looks.scalars.regions.is_empty() || !named {
             return Ok(());
         }
         let mut scene = self.scene.clone();
         scene.picture.field = Some(name.clone());
         let seen = scene.scalar_field(self.drive.mesh(), self.drive.topology())?;
-        if seen.cells.is_some() != self.scalars.cells.is_some() {
+        if seen.cells.is_some() != self.looks.scalars.cells.is_some() {
             return Err(Error::Input(format!(
                 "the frame has the field {name} at another location (nodes or tets) than the previous frame"
             )));
         }
-        self.scalars.values = seen.values;
-        self.scalars.cells = seen.cells;
-        let (low, high) = self.scalars.range;
+        self.looks.scalars.values = seen.values;
+        self.looks.scalars.cells = seen.cells;
+        let (low, high) = self.looks.scalars.range;
         // A constant field needs a non-empty range, too.
         let range = if low < high {
             (low, high)
         } else {
             (low, low + 1.0)
         };
-        let geometry = self.raycaster.geometry_mut();
-        geometry.set_scalars(self.drive.mesh(), self.scalars.scalars(), range)?;
-        self.raycaster.update_range()?;
-        let geometry = self.raycaster.geometry();
-        self.surface.set_scalars(geometry, &self.scalars.values)
+        let geometry = self.looks.raycaster.geometry_mut();
+        geometry.set_scalars(self.drive.mesh(), self.looks.scalars.scalars(), range)?;
+        self.looks.raycaster.update_range()?;
+        let geometry = self.looks.raycaster.geometry();
+        self.looks.surface.set_scalars(geometry, &self.looks.scalars.values)
     }
 }

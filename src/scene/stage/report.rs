@@ -135,7 +135,7 @@ impl Stage {
         let [pictures_drawn, pictures_kept] = self.pictures;
         let state = self.motion().map(Motion::report).transpose()?;
         let tools = self.tool_reports()?;
-        let picture = self.raycaster.report(&self.camera, self.size)?;
+        let picture = self.looks.raycaster.report(&self.looks.camera, self.looks.size)?;
         let cg = self.motion().and_then(|m| m.progress()).and_then(|p| {
             (p.last.iterations > 0).then_some(CgReport {
                 iterations: p.last.iterations,
@@ -247,7 +247,7 @@ impl Stage {
     fn target(&self) -> Result<wgpu::TextureView> {
         self.gpu.target(
             "measured picture",
-            self.size,
+            self.looks.size,
             wgpu::TextureFormat::Rgba8Unorm,
             wgpu::TextureUsages::RENDER_ATTACHMENT,
         )
@@ -257,7 +257,7 @@ impl Stage {
     fn record_frame(&mut self, target: &wgpu::TextureView) -> Result<()> {
         let gpu: Gpu = self.gpu.clone();
         let mut work = gpu.start_recording();
-        self.raycaster.geometry().positions().mark_written();
+        self.looks.raycaster.geometry().positions().mark_written();
         self.record(&mut work, target)?;
         work.submit()
     }

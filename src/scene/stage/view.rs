@@ -8,17 +8,17 @@ use glam::DVec3;
 impl Stage {
     /// Returns the camera.
     pub fn camera_mut(&mut self) -> &mut Camera {
-        &mut self.camera
+        &mut self.looks.camera
     }
 
     /// Returns the width and height of the pictures, in pixels.
     pub fn size(&self) -> [u32; 2] {
-        self.size
+        self.looks.size
     }
 
     /// Sets the size of the pictures.
     pub fn set_size(&mut self, size: [u32; 2]) {
-        self.size = size;
+        self.looks.size = size;
         self.cached = None;
     }
 
@@ -31,7 +31,7 @@ impl Stage {
         if self.scene.camera.is_unset() {
             let mut points = self.seen()?;
             points.extend_from_slice(also);
-            self.camera = self.scene.camera(self.mesh(), &points, self.size)?;
+            self.looks.camera = self.scene.camera(self.mesh(), &points, self.looks.size)?;
         }
         Ok(())
     }
@@ -49,14 +49,14 @@ impl Stage {
         if let NodeSource::Simulated(motion) = &self.drive {
             points.extend(motion.motion_envelope.iter().flatten());
         }
-        let round = turned_round(&points, self.camera.up);
-        let mut camera = self.scene.camera(self.mesh(), &round, self.size)?;
+        let round = turned_round(&points, self.looks.camera.up);
+        let mut camera = self.scene.camera(self.mesh(), &round, self.looks.size)?;
         // With a legend, too, the camera orbits the centre of the body.
         let (low, high) = crate::mesh::bounds(&round);
         let aside = 0.5 * (low + high) - camera.look_at;
         camera.eye += aside;
         camera.look_at += aside;
-        self.camera = camera;
+        self.looks.camera = camera;
         Ok(())
     }
 
