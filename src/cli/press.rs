@@ -102,7 +102,6 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
 
 /// Presses on the body of `scene` and writes images, an animation, a series and the measurements to
 /// `out`, which exists.
-/// Long because it follows the course of a press, with its outputs.
 pub fn press(
     gpu: &Gpu,
     scene: &Scene,
@@ -122,7 +121,7 @@ pub fn press(
     )]);
     press.stage().save(out.join("rest.png"))?;
     press.clip_at_press()?;
-    // That of an earlier press would be mistaken for the new one.
+    // Removes the image of an earlier press.
     match std::fs::remove_file(out.join("pressed.png")) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(out)(e).into()),
         _ => {}

@@ -18,7 +18,7 @@ const INITIAL_CAPACITY: u64 = 2;
 const SEGMENT_BYTES: u64 = 32;
 const HEADER_BYTES: u64 = 16;
 /// Maximum number of layers of a raycaster.
-const MOST_LAYERS: u32 = 255;
+const MAX_LAYERS: u32 = 255;
 
 impl Raycaster {
     /// Returns the segments of the rays of `camera` through this mesh, a piece of a body: for each
@@ -124,12 +124,12 @@ impl Raycaster {
             work.submit()?;
             let layers = self.layers_found()?;
             if layers > self.options.layers {
-                if self.options.layers >= MOST_LAYERS {
+                if self.options.layers >= MAX_LAYERS {
                     return Err(Error::Input(format!(
-                        "a ray enters the piece more than {MOST_LAYERS} times; partition the body into more pieces, or move the eye slightly"
+                        "a ray enters the piece more than {MAX_LAYERS} times; partition the body into more pieces, or move the eye slightly"
                     )));
                 }
-                self.options.layers = (2 * self.options.layers).min(MOST_LAYERS);
+                self.options.layers = (2 * self.options.layers).min(MAX_LAYERS);
                 self.frames.clear();
                 continue;
             }
