@@ -188,10 +188,12 @@ impl<S: Integrator> Stepper<S> {
         if prepared.loads != Some(versions) {
             prepared.loads = Some(versions);
             let candidate = &self.core.next_positions;
-            prepared.grab_springs = body.grabs.draw_pass(&body.gpu, candidate, &body.external)?;
+            prepared.grab_springs =
+                body.grabs
+                    .grab_springs_pass(&body.gpu, candidate, &body.external)?;
         }
         let state = body.nodes().array();
-        if let Some(hold) = body.grabs.hold_pass(&body.gpu, state)? {
+        if let Some(hold) = body.grabs.prescribed_positions_pass(&body.gpu, state)? {
             hold.record(work);
         }
         if start == StepStart::Restart {
@@ -199,7 +201,10 @@ impl<S: Integrator> Stepper<S> {
                 pass.record(work);
             }
         }
-        if let Some(draw) = body.grabs.draw_pass(&body.gpu, state, &body.external)? {
+        if let Some(draw) = body
+            .grabs
+            .grab_springs_pass(&body.gpu, state, &body.external)?
+        {
             draw.record(work);
         }
         if forgive {
