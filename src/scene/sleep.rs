@@ -1,8 +1,8 @@
 //! Sleeping of bodies in equilibrium: they are not stepped until they are disturbed.
 //!
 //! A body falls asleep when it has been slow for some steps, its kinetic energy is negligible
-//! compared with its elastic energy, and its static forces are balanced relative to the loads. None of
-//! these criteria depends on the size of the body, its time scale or the integration scheme.
+//! compared with its elastic energy, and its static forces are balanced relative to the loads. None
+//! of these criteria depends on the size of the body, its time scale or the integration scheme.
 
 use crate::Result;
 use crate::physics::Simulator;

@@ -12,8 +12,8 @@ use crate::physics::cpu::contact::parameters::{
 };
 use crate::physics::cpu::contact::self_contact::SelfContactTerm;
 use crate::physics::cpu::contact::tool_contact::{LocalToolPose, ToolContact, ToolState};
-use crate::physics::cpu::implicit::contact_iterations::{apply_push_out, resolve_penetration};
 use crate::physics::cpu::implicit::contact_terms::{self_contact, tool_contact, tool_contact_mut};
+use crate::physics::cpu::implicit::push_out::{apply_push_out, resolve_penetration};
 use crate::physics::cpu::runtime::steppable::ToolTarget;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;

@@ -7,8 +7,6 @@ use super::newton::{NewtonSolver, PROJECTED_SOLVES};
 use super::schemes::StepCoefficients;
 use crate::physics::NewtonSettings;
 use crate::physics::contact::MIN_DISTANCE_RATIO;
-use crate::physics::cpu::contact::tool_contact::ToolContact;
-use crate::physics::cpu::rigid::bodies::RigidBodies;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::to_dvec;
@@ -497,35 +495,4 @@ impl<T: Real> NewtonSolver<T> {
 fn has_prescribed_motion<T: Real>(context: &StepContext<'_, T>) -> bool {
     let mut nodes = context.free.iter().zip(context.at.v);
     nodes.any(|(free, v)| *free == T::ZERO && to_dvec(*v) != DVec3::ZERO)
-}
-
-/// Returns the displacements that push the nodes of a body at `u` out of its tools at their current
-/// poses.
-pub(in crate::physics::cpu) fn resolve_penetration<T: Real>(
-    contact: &mut ToolContact<T>,
-    u: &[V4<T>],
-    free: &[T],
-) -> Vec<(usize, DVec3)> {
-    contact.push_out(u, free, [0.0, 0.0])
-}
-
-/// Pushes nodes, and each rigid body by the largest push of its nodes.
-pub(in crate::physics::cpu) fn apply_push_out<T: Real>(
-    pushed: Vec<(usize, DVec3)>,
-    u: &mut [V4<T>],
-    rigid: Option<&mut RigidBodies>,
-) {
-    let bodies = rigid.as_ref().map_or(0, |r| r.bodies.len());
-    let mut shifts = vec![DVec3::ZERO; bodies];
-    for (i, by) in pushed {
-        match rigid.as_ref().and_then(|r| r.body_of(i)) {
-            Some(b) if by.length() > shifts[b].length() => shifts[b] = by,
-            Some(_) => {}
-            None => u[i] = add(u[i], to_v4(by)),
-        }
-    }
-    if let Some(rigid) = rigid.filter(|r| !r.is_empty()) {
-        rigid.shift_current_poses(&shifts);
-        rigid.write_nodes(&rigid.now, u);
-    }
 }
