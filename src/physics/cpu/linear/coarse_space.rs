@@ -188,8 +188,7 @@ impl<T: Real> CoarseSpace<T> {
         self.factor.solve(x);
     }
 
-    /// Returns the lever arms of the nodes from `first`, for
-    /// [`prolong`](super::rigid_modes::rigid_displacement).
+    /// Returns the lever arms of the nodes from `first`, for [`prolong`](super::rigid_modes::prolong).
     pub fn lever_arms(&self, first: usize) -> &[V4<T>] {
         &self.lever_arms[first..]
     }
