@@ -27,7 +27,7 @@ use std::time::{Duration, Instant};
 const PAPER: [usize; 7] = [80, 13_766, 17_312, 24_106, 35_118, 112_299, 156_612];
 /// Minimum time per measurement, and maximum number of calls.
 const LONG_ENOUGH: Duration = Duration::from_millis(1500);
-const MOST_CALLS: usize = 200;
+const MAX_CALLS: usize = 200;
 /// Steps per submission of an explicit solver.
 const STEPS: u32 = 8;
 const PIXELS: u32 = 512;
@@ -189,7 +189,7 @@ fn rate(mut call: impl FnMut() -> palpate::Result<()>) -> anyhow::Result<f64> {
     call()?;
     let mut times = Vec::new();
     let start = Instant::now();
-    while times.len() < 3 || (start.elapsed() < LONG_ENOUGH && times.len() < MOST_CALLS) {
+    while times.len() < 3 || (start.elapsed() < LONG_ENOUGH && times.len() < MAX_CALLS) {
         let before = Instant::now();
         call()?;
         times.push(before.elapsed().as_secs_f64());

@@ -145,7 +145,7 @@ class Mesh:
 
         Args:
             path: file; with ``pieces`` an index, .pvtu.
-            pieces: number of pieces, partitioned by a k-d tree; each is a .vtu beside the index that
+            pieces: number of pieces, partitioned by a k-d tree; each is a .vtu in the folder of the index that
                 can be rendered separately (:func:`palpate.dask.render_pieces`).
         """
         if pieces is None:

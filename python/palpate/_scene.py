@@ -173,7 +173,7 @@ class Scene:
         return scene
 
     def write(self, path: PathOf) -> None:
-        """Writes a scene file; a mesh in memory is written to a ``.vtu`` file beside it."""
+        """Writes a scene file; a mesh in memory is written to a ``.vtu`` file in its folder."""
         file = Path(path)
         scene = self.in_files(file.parent, f"{file.stem}.vtu")
         text = _palpate.to_toml(scene.json())

@@ -315,7 +315,7 @@ class Renderer:
 
     def render(self) -> Picture:
         """Renders the picture, shape (height, width, 4): red, green, blue and opacity, as in a PNG."""
-        self._tell_time()
+        self._set_displayed_time()
         width, height = self._stage.size()
         return self._stage.rgba().reshape(height, width, 4)
 
@@ -333,13 +333,13 @@ class Renderer:
 
     def save(self, path: PathOf) -> None:
         """Renders the picture to a .png or .exr file."""
-        self._tell_time()
+        self._set_displayed_time()
         self._stage.save(fspath(path))
 
-    def _tell_time(self) -> None:
+    def _set_displayed_time(self) -> None:
         """Sets the displayed time of the picture to the simulated time."""
         if self._simulator is not None:
-            self._stage.tell_time(self._simulator.time, self._simulator.dt)
+            self._stage.set_displayed_time(self._simulator.time, self._simulator.dt)
 
     def pick(self, x: float, y: float) -> Pick | None:
         """Picks the boundary at a point of the picture, in pixels from the upper left."""

@@ -457,7 +457,7 @@ def _draw(
         stage.show(mesh)
     except InputError as why:
         raise InputError(f"{files[0]}: {why}") from None
-    stage.tell_time(time, resolution)
+    stage.set_displayed_time(time, resolution)
     stage.save(path)
 
 

@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 /// Target duration of a group of steps; Python signals are handled between groups.
 const GROUP: Duration = Duration::from_millis(50);
 /// Maximum number of steps in a group.
-const MOST: u32 = 64;
+const MAX_STEPS_PER_GROUP: u32 = 64;
 
 /// Eye, target, up vector, and either the opening angle or the height of the view.
 type View = ([f64; 3], [f64; 3], [f64; 3], Option<f64>, Option<f64>);
@@ -178,7 +178,7 @@ impl Stage {
             self.with(py, |stage| stage.run(some, &mut |_| {}))?;
             done += some;
             group = match start.elapsed() < GROUP {
-                true => (2 * group).min(MOST),
+                true => (2 * group).min(MAX_STEPS_PER_GROUP),
                 false => (group / 2).max(1),
             };
             // The stage is unlocked here: the progress callback may use it.
@@ -196,7 +196,7 @@ impl Stage {
     }
 
     /// Sets the time of a recorded frame, s, that pictures display.
-    fn tell_time(&self, py: Python<'_>, seconds: f64, resolution: f64) -> PyResult<()> {
+    fn set_displayed_time(&self, py: Python<'_>, seconds: f64, resolution: f64) -> PyResult<()> {
         self.with(py, |stage| {
             stage.set_displayed_time(FrameTime {
                 seconds,

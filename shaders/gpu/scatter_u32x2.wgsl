@@ -2,14 +2,14 @@
 
 #import lib/array
 
-struct Put {
+struct ScatterParams {
     items: u32,
 }
 
 @group(0) @binding(0) var<storage, read> places: array<u32>;
 @group(0) @binding(1) var<storage, read> items: array<vec2<u32>>;
 @group(0) @binding(2) var result: texture_storage_2d<rg32uint, write>;
-@group(0) @binding(3) var<uniform> params: Put;
+@group(0) @binding(3) var<uniform> params: ScatterParams;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {

@@ -12,11 +12,11 @@ override USE_REST_POSITIONS: bool = false;
 
 // Whether a point, whose rest position is `rest`, is clipped.
 fn is_clipped(place: vec3<f32>, rest: vec3<f32>) -> bool {
-    var gone = false;
+    var clipped = false;
     for (var k = 0u; k < CLIP_PLANE_COUNT; k++) {
         let plane = textureLoad(cuts, array_texel(2u * k), 0);
         let resting = textureLoad(cuts, array_texel(2u * k + 1u), 0).x > 0.5;
-        gone = gone || dot(plane.xyz, select(place, rest, resting)) > plane.w;
+        clipped = clipped || dot(plane.xyz, select(place, rest, resting)) > plane.w;
     }
-    return gone;
+    return clipped;
 }

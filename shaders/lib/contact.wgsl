@@ -34,16 +34,20 @@ fn barrier_derivatives(g: f32) -> vec3<f32> {
     let off = x - 1.0;
     let ratio = off / x;
     let logarithm = log(x);
-    let slope = -2.0 * off * logarithm - off * ratio;
-    let bend = -2.0 * logarithm - 4.0 * ratio + ratio * ratio;
+    let first_derivative = -2.0 * off * logarithm - off * ratio;
+    let second_derivative = -2.0 * logarithm - 4.0 * ratio + ratio * ratio;
     let by = g - x;
-    return vec3(by * (slope + 0.5 * by * bend) - off * off * logarithm, slope + by * bend, bend);
+    return vec3(
+        by * (first_derivative + 0.5 * by * second_derivative) - off * off * logarithm,
+        first_derivative + by * second_derivative,
+        second_derivative,
+    );
 }
 
 // Returns the number of subdivisions of a face edge in the lattice of contact points.
 fn subdivisions(k: u32, longest: f32) -> u32 {
     // The tolerance avoids an extra subdivision when rounding lifts a whole quotient.
-    return u32(clamp(ceil(longest / (MAX_SPACING_RATIO * tools[k].numbers.w) - 1e-3), 1.0, MAX_SUBDIVISIONS));
+    return u32(clamp(ceil(longest / (MAX_SPACING_RATIO * tools[k].contact_parameters.w) - 1e-3), 1.0, MAX_SUBDIVISIONS));
 }
 
 // Returns the normal and distance to the sphere of this radius; `off` is relative to its centre.
@@ -71,9 +75,9 @@ fn sdf_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
     let counts = tools[k].grid.xyz;
     let within = clamp((p - tools[k].low.xyz) / spacing, vec3(1.5), vec3<f32>(counts) - 2.5);
     let beyond = p - tools[k].low.xyz - spacing * within;
-    let far = length(beyond);
-    if far > 1e-5 * spacing {
-        return vec4(beyond / far, far + 2.5 * spacing);
+    let beyond_distance = length(beyond);
+    if beyond_distance > 1e-5 * spacing {
+        return vec4(beyond / beyond_distance, beyond_distance + 2.5 * spacing);
     }
     let first = floor(within - 0.5);
     let off = within - first;
@@ -95,33 +99,33 @@ fn sdf_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
             );
         }
     }
-    return tools[k].shape.x * vec4(sum.xyz / spacing, sum.w);
+    return tools[k].dimensions.x * vec4(sum.xyz / spacing, sum.w);
 }
 
 // Returns the normal and, in w, the distance to tool k of a point in the tool's frame.
 fn local_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
-    let shape = tools[k].shape;
-    switch u32(shape.w) {
+    let dimensions = tools[k].dimensions;
+    switch u32(dimensions.w) {
         case SPHERE: {
-            return sphere_distance(p, shape.x);
+            return sphere_distance(p, dimensions.x);
         }
         case CAPSULE: {
-            return sphere_distance(p - vec3(0.0, 0.0, clamp(p.z, -shape.y, shape.y)), shape.x);
+            return sphere_distance(p - vec3(0.0, 0.0, clamp(p.z, -dimensions.y, dimensions.y)), dimensions.x);
         }
         case BOX: {
             let side = select(vec3(1.0), vec3(-1.0), p < vec3(0.0));
-            let out = abs(p) - shape.xyz;
-            let most = max(max(out.x, out.y), out.z);
-            if most > 0.0 {
+            let out = abs(p) - dimensions.xyz;
+            let max_offset = max(max(out.x, out.y), out.z);
+            if max_offset > 0.0 {
                 return sphere_distance(side * max(out, vec3(0.0)), 0.0);
             }
-            if most == out.x {
-                return vec4(side.x, 0.0, 0.0, most);
+            if max_offset == out.x {
+                return vec4(side.x, 0.0, 0.0, max_offset);
             }
-            if most == out.y {
-                return vec4(0.0, side.y, 0.0, most);
+            if max_offset == out.y {
+                return vec4(0.0, side.y, 0.0, max_offset);
             }
-            return vec4(0.0, 0.0, side.z, most);
+            return vec4(0.0, 0.0, side.z, max_offset);
         }
         case PLANE: {
             return vec4(0.0, 0.0, 1.0, p.z);
@@ -132,15 +136,15 @@ fn local_distance(k: u32, p: vec3<f32>) -> vec4<f32> {
     }
 }
 
-// Returns the normal and distance to tool k with rotation `turn`, of a point p relative to its
+// Returns the normal and distance to tool k with this rotation, of a point p relative to its
 // origin.
-fn surface_distance(k: u32, p: vec3<f32>, turn: vec4<f32>) -> vec4<f32> {
-    let own = local_distance(k, quat_rotate(quat_conjugate(turn), p));
-    return vec4(quat_rotate(turn, own.xyz), own.w);
+fn surface_distance(k: u32, p: vec3<f32>, rotation: vec4<f32>) -> vec4<f32> {
+    let local = local_distance(k, quat_rotate(quat_conjugate(rotation), p));
+    return vec4(quat_rotate(rotation, local.xyz), local.w);
 }
 
-// Returns the position relative to a tool's origin at `place` of a point of three nodes at x + h v.
-// Differences are taken first, to preserve accuracy.
-fn relative_displacement(x: mat3x3<f32>, place: vec3<f32>, w: vec3<f32>, way: vec3<f32>) -> vec3<f32> {
-    return w.x * (x[0] - place) + w.y * (x[1] - place) + w.z * (x[2] - place) + way;
+// Returns the position relative to a tool's `origin` of a point of three nodes at x,
+// moved by `displacement`. Differences are taken first, to preserve accuracy.
+fn relative_displacement(x: mat3x3<f32>, origin: vec3<f32>, w: vec3<f32>, displacement: vec3<f32>) -> vec3<f32> {
+    return w.x * (x[0] - origin) + w.y * (x[1] - origin) + w.z * (x[2] - origin) + displacement;
 }

@@ -18,9 +18,9 @@ override BACK_FACES: bool = false;
 // (PIXEL_OFFSET in render/view.rs, 0.003), and rounding in 32 bits (under 0.02 below FAR).
 const COVER_MARGIN: f32 = 0.125;
 // Maximum corner displacement due to the offset, in pixels.
-const MOST_MARGIN: f32 = 4.0;
+const MAX_CORNER_OFFSET: f32 = 4.0;
 // Corners farther than this from the image centre, in pixels, are rounded too coarsely.
-const FAR: f32 = 16384.0;
+const MAX_PIXEL_COORDINATE: f32 = 16384.0;
 // Corners closer to the eye plane than this, in local units, count as behind it; nothing that close
 // is visible (NEAR in render/view.rs is ten times as large).
 const EYE_PLANE_EPSILON: f32 = 1e-6;
@@ -59,7 +59,7 @@ fn cover_triangle(p: array<vec4<f32>, 3>) -> array<vec2<f32>, 3> {
     }
     let s = array(in_pixels(p[0]), in_pixels(p[1]), in_pixels(p[2]));
     let reach = max(abs(s[0]), max(abs(s[1]), abs(s[2])));
-    if !(max(reach.x, reach.y) < FAR) {
+    if !(max(reach.x, reach.y) < MAX_PIXEL_COORDINATE) {
         return clip_to_view(p);
     }
     let u = s[1] - s[0];
@@ -95,7 +95,7 @@ fn enlarged(s: array<vec2<f32>, 3>, area: f32) -> array<vec2<f32>, 3> {
     let n = array(edge_offset(s[0], s[1]), edge_offset(s[1], s[2]), edge_offset(s[2], s[0]));
     // A corner moves by the margin times √(2 / open).
     let open = vec3(1.0 + dot(n[2], n[0]), 1.0 + dot(n[0], n[1]), 1.0 + dot(n[1], n[2]));
-    let least = 2.0 * (COVER_MARGIN / MOST_MARGIN) * (COVER_MARGIN / MOST_MARGIN);
+    let least = 2.0 * (COVER_MARGIN / MAX_CORNER_OFFSET) * (COVER_MARGIN / MAX_CORNER_OFFSET);
     if area > 0.0 && min(open.x, min(open.y, open.z)) > least {
         return array(
             s[0] + (n[2] + n[0]) * (COVER_MARGIN / open.x),
@@ -163,10 +163,10 @@ struct Hit {
     found: bool,
 }
 
-fn intersect_face(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, ids: vec4<u32>, sight: RayFrame) -> Hit {
-    let p = project_to_ray_plane(a, sight);
-    let q = project_to_ray_plane(b, sight);
-    let r = project_to_ray_plane(c, sight);
+fn intersect_face(a: vec3<f32>, b: vec3<f32>, c: vec3<f32>, ids: vec4<u32>, frame: RayFrame) -> Hit {
+    let p = project_to_ray_plane(a, frame);
+    let q = project_to_ray_plane(b, frame);
+    let r = project_to_ray_plane(c, frame);
     let w = vec3(cross2(q, r), cross2(r, p), cross2(p, q));
     let sum = w.x + w.y + w.z;
     let inner = edge_test(w.x, ids.y, ids.z) && edge_test(w.y, ids.z, ids.x) && edge_test(w.z, ids.x, ids.y);

@@ -38,18 +38,18 @@ const CRUSH_THRESHOLD_J: f32 = 0.1;
 const CRUSH_STIFFNESS_RATIO: f32 = 100.0;
 
 // Returns the energy of a volume change J − 1.
-fn volume_energy(growth: f32, mu: f32, lambda: f32) -> f32 {
-    let c = clamp((CRUSH_THRESHOLD_J - 1.0 - growth) / CRUSH_THRESHOLD_J, 0.0, 1.0);
-    let stop = CRUSH_THRESHOLD_J * c * c * c * c * (1.0 / 12.0 + c * (c / 30.0 - 0.1)) + max(-1.0 - growth, 0.0) / 30.0;
-    return 0.5 * lambda * growth * growth + 16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J * mu * stop;
+fn volumetric_energy(volume_strain: f32, mu: f32, lambda: f32) -> f32 {
+    let c = clamp((CRUSH_THRESHOLD_J - 1.0 - volume_strain) / CRUSH_THRESHOLD_J, 0.0, 1.0);
+    let crush_term = CRUSH_THRESHOLD_J * c * c * c * c * (1.0 / 12.0 + c * (c / 30.0 - 0.1)) + max(-1.0 - volume_strain, 0.0) / 30.0;
+    return 0.5 * lambda * volume_strain * volume_strain + 16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J * mu * crush_term;
 }
 
-// Returns the first and second derivatives of `volume_energy`.
-fn volume_stress(growth: f32, mu: f32, lambda: f32) -> vec2<f32> {
-    let c = clamp((CRUSH_THRESHOLD_J - 1.0 - growth) / CRUSH_THRESHOLD_J, 0.0, 1.0);
-    let stop = 16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J * mu * c * c * c * (1.0 / 3.0 + c * (0.2 * c - 0.5));
+// Returns the first and second derivatives of `volumetric_energy`.
+fn volumetric_derivatives(volume_strain: f32, mu: f32, lambda: f32) -> vec2<f32> {
+    let c = clamp((CRUSH_THRESHOLD_J - 1.0 - volume_strain) / CRUSH_THRESHOLD_J, 0.0, 1.0);
+    let crush_term = 16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J * mu * c * c * c * (1.0 / 3.0 + c * (0.2 * c - 0.5));
     let bump = c * (1.0 - c);
-    return vec2(lambda * growth - stop, lambda + 16.0 * CRUSH_STIFFNESS_RATIO * mu * bump * bump);
+    return vec2(lambda * volume_strain - crush_term, lambda + 16.0 * CRUSH_STIFFNESS_RATIO * mu * bump * bump);
 }
 
 fn trace(m: mat3x3<f32>) -> f32 {
@@ -75,6 +75,6 @@ fn volume_change(g: mat3x3<f32>, c: mat3x3<f32>) -> f32 {
 }
 
 // Returns the cofactor matrix of F = I + G minus the identity.
-fn cofactor_differential(g: mat3x3<f32>, c: mat3x3<f32>) -> mat3x3<f32> {
+fn cofactor_minus_identity(g: mat3x3<f32>, c: mat3x3<f32>) -> mat3x3<f32> {
     return trace(g) * unit_matrix() - transpose(g) + c;
 }

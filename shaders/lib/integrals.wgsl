@@ -18,7 +18,7 @@ const FIXED_POINT_SCALE: f32 = 2147483000.0;
 const MIN_DEPTH: f32 = 1e-3;
 // Maximum depth per look-up, and maximum number of subdivisions of a segment.
 const MAX_DEPTH_PER_LOOKUP: f32 = 1.5;
-const MOST_PIECES: f32 = 256.0;
+const MAX_PIECES: f32 = 256.0;
 // Opacity at which integration stops (early termination).
 const INTEGRATION_CUTOFF: f32 = 0.9995;
 
@@ -62,7 +62,7 @@ fn segment(s0: f32, s1: f32, depth: f32, row: u32) -> vec4<f32> {
 
 // As `segment`, subdivided, for a segment of optical depth t.
 fn integrate_subdivided(a: i32, b: i32, t: f32, depth_a_point: f32, row: u32) -> vec4<f32> {
-    let pieces = min(i32(ceil(min(t / MAX_DEPTH_PER_LOOKUP, MOST_PIECES))), abs(b - a));
+    let pieces = min(i32(ceil(min(t / MAX_DEPTH_PER_LOOKUP, MAX_PIECES))), abs(b - a));
     var seen = vec4(0.0);
     var from_ = a;
     var at_from = table_at(a, 2u * row);

@@ -13,8 +13,8 @@ fn ray_frame(view: View, pixel: vec2<f32>) -> RayFrame {
 }
 
 // Returns the offset of a camera-space point from the ray.
-fn project_to_ray_plane(q: vec3<f32>, sight: RayFrame) -> vec2<f32> {
-    return q.xy - sight.origin - sight.slope * q.z;
+fn project_to_ray_plane(q: vec3<f32>, frame: RayFrame) -> vec2<f32> {
+    return q.xy - frame.origin - frame.slope * q.z;
 }
 
 fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 {

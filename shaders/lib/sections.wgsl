@@ -25,7 +25,7 @@ const COLOUR_LUT_SIZE: u32 = 1024u;
 // Returns the signed distance of a ray sample beyond plane k.
 fn plane_side(k: u32, spot: RaySample, ray: Ray) -> f32 {
     let plane = textureLoad(cuts, array_texel(2u * k), 0);
-    var place = ray.foot + spot.z * ray.run;
+    var place = ray.origin + spot.z * ray.direction;
     if USE_REST_POSITIONS {
         place = select(place, spot.rest, textureLoad(cuts, array_texel(2u * k + 1u), 0).x > 0.5);
     }

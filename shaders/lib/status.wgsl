@@ -3,7 +3,7 @@
 const NON_FINITE: u32 = 1u;
 const RUNAWAY_ENERGY: u32 = 2u;
 const NOT_CONVERGED: u32 = 3u;
-const PIERCED: u32 = 4u;
+const EXCESS_PENETRATION: u32 = 4u;
 const INVERTED_TETS: u32 = 5u;
 
 struct Status {

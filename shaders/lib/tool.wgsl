@@ -3,12 +3,12 @@
 struct Tool {
     // Dimensions by shape: radius; radius and half length; half edges; or scale of the field
     // values. w is the shape.
-    shape: vec4<f32>,
+    dimensions: vec4<f32>,
     // Friction coefficient, gap, half thickness if thin, and size.
-    numbers: vec4<f32>,
+    contact_parameters: vec4<f32>,
     // Final penetration tolerance, maximum motion per stage, radius of an enclosing ball, and
     // maximum motion of any point during the step.
-    limits: vec4<f32>,
+    motion_limits: vec4<f32>,
     // Signed distance field: first grid point and spacing; number of points along each axis and
     // index of the first value.
     low: vec4<f32>,
@@ -83,14 +83,14 @@ fn quat_rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
     return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
 }
 
-// Returns the difference of v rotated by `to_turn` and by `from_turn`, computed so that it stays
-// accurate for nearly equal rotations.
-fn rotation_difference(from_turn: vec4<f32>, to_turn: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
-    let by = select(-1.0, 1.0, dot(from_turn, to_turn) >= 0.0) * to_turn - from_turn;
-    let first = from_turn.xyz;
-    let last = first + by.xyz;
-    let way = cross(by.xyz, cross(last, v) + (from_turn.w + by.w) * v);
-    return 2.0 * (way + cross(first, cross(by.xyz, v) + by.w * v));
+// Returns the difference of v rotated by `to_rotation` and by `from_rotation`, computed so that it
+// stays accurate for nearly equal rotations.
+fn rotation_difference(from_rotation: vec4<f32>, to_rotation: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+    let difference = select(-1.0, 1.0, dot(from_rotation, to_rotation) >= 0.0) * to_rotation - from_rotation;
+    let from_vector = from_rotation.xyz;
+    let to_vector = from_vector + difference.xyz;
+    let rotated = cross(difference.xyz, cross(to_vector, v) + (from_rotation.w + difference.w) * v);
+    return 2.0 * (rotated + cross(from_vector, cross(difference.xyz, v) + difference.w * v));
 }
 
 // Returns the inverse rotation.

@@ -17,7 +17,7 @@ override CELL_SCALARS: bool = false;
 // Accumulated result of the previous layers.
 @group(0) @binding(next) var gathered: texture_2d<f32>;
 @group(0) @binding(next) var occluder: texture_depth_2d;
-@group(0) @binding(next) var<storage, read_write> lost: array<atomic<u32>, 1>;
+@group(0) @binding(next) var<storage, read_write> lost_ray_count: array<atomic<u32>, 1>;
 // For the layers of this parity, the last one that has a face in each tile.
 @group(0) @binding(next) var<storage, read> last_layers: array<u32>;
 @group(0) @binding(next) var<uniform> params: View;
@@ -35,10 +35,10 @@ fn vertex(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
 
 struct Ray {
     // In camera space.
-    sight: RayFrame,
-    // In the local frame: point(z) = foot + z run.
-    foot: vec3<f32>,
-    run: vec3<f32>,
+    frame: RayFrame,
+    // In the local frame: point(z) = origin + z direction.
+    origin: vec3<f32>,
+    direction: vec3<f32>,
     // If LIGHTING: the light vectors.
     lights: LightVectors,
     // Length of a unit step in z, in the unit of the mode.
@@ -51,25 +51,25 @@ struct TraversalResult {
     sum: vec4<f32>,
     found: bool,
     // z at the beginning and end, the nearer first.
-    reach: vec2<f32>,
+    depth_range: vec2<f32>,
 }
 
 fn pixel_ray(position: vec2<f32>) -> Ray {
-    let sight = ray_frame(params, position);
-    let slope = sight.slope;
-    let origin = sight.origin - vec2(params.right.w, params.up.w);
-    let foot = origin.x * params.right.xyz + origin.y * params.up.xyz - params.forward.w * params.forward.xyz;
-    let run = slope.x * params.right.xyz + slope.y * params.up.xyz + params.forward.xyz;
+    let frame = ray_frame(params, position);
+    let slope = frame.slope;
+    let plane_origin = frame.origin - vec2(params.right.w, params.up.w);
+    let origin = plane_origin.x * params.right.xyz + plane_origin.y * params.up.xyz - params.forward.w * params.forward.xyz;
+    let direction = slope.x * params.right.xyz + slope.y * params.up.xyz + params.forward.xyz;
     let length = sqrt(1.0 + dot(slope, slope));
     let scale = length * select(params.unit, params.opacity, INTEGRAND == COMPOSITE);
-    return Ray(sight, foot, run, light_vectors(params, run / length), scale, 3e38);
+    return Ray(frame, origin, direction, light_vectors(params, direction / length), scale, 3e38);
 }
 
 // Returns a slightly displaced ray.
 fn perturbed(ray: Ray) -> Ray {
     var other = ray;
-    other.sight.origin += vec2(1.7e-6, -1.1e-6);
-    other.foot += 1.7e-6 * params.right.xyz - 1.1e-6 * params.up.xyz;
+    other.frame.origin += vec2(1.7e-6, -1.1e-6);
+    other.origin += 1.7e-6 * params.right.xyz - 1.1e-6 * params.up.xyz;
     return other;
 }
 
@@ -97,7 +97,7 @@ fn traverse_with_retry(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResul
         along = perturbed(along);
     }
     if !walked.found {
-        atomicAdd(&lost[0], 1u);
+        atomicAdd(&lost_ray_count[0], 1u);
     }
     return walked;
 }

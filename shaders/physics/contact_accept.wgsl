@@ -4,18 +4,18 @@
 #import lib/status
 #import lib/tool
 
-struct TakeParams {
+struct AcceptParams {
     nodes: u32,
 }
 
 @group(0) @binding(0) var trial_positions: texture_2d<f32>;
 @group(0) @binding(1) var trial_velocities: texture_2d<f32>;
 @group(0) @binding(2) var<storage, read> status: Status;
-@group(0) @binding(3) var<storage, read> pushing: ContactStepState;
+@group(0) @binding(3) var<storage, read> contact_state: ContactStepState;
 @group(0) @binding(4) var next_positions: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(5) var next_velocities: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(6) var rubbed: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(7) var<uniform> params: TakeParams;
+@group(0) @binding(6) var friction_velocities: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(7) var<uniform> params: AcceptParams;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -23,11 +23,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if i >= params.nodes || status.failed != 0u || status.solving != 0u {
         return;
     }
-    let v = textureLoad(trial_velocities, array_texel(i), 0);
+    let velocity = textureLoad(trial_velocities, array_texel(i), 0);
     textureStore(next_positions, array_texel(i), textureLoad(trial_positions, array_texel(i), 0));
-    textureStore(next_velocities, array_texel(i), v);
-    if pushing.update_friction != 0u {
+    textureStore(next_velocities, array_texel(i), velocity);
+    if contact_state.update_friction != 0u {
         // Before the first system: the start of the step.
-        textureStore(rubbed, array_texel(i), select(v, vec4(0.0), pushing.is_first_system != 0u));
+        textureStore(friction_velocities, array_texel(i), select(velocity, vec4(0.0), contact_state.is_first_system != 0u));
     }
 }

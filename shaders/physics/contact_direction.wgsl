@@ -12,7 +12,7 @@ struct DirectionParams {
 @group(0) @binding(2) var masses: texture_2d<f32>;
 @group(0) @binding(3) var<storage, read> scalars: CgScalars;
 @group(0) @binding(4) var<storage, read> status: Status;
-@group(0) @binding(5) var ways: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(5) var direction: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(6) var<uniform> params: DirectionParams;
 
 @compute @workgroup_size(WORKGROUP)
@@ -29,5 +29,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
             change = textureLoad(odd, array_texel(i), 0);
         }
     }
-    textureStore(ways, array_texel(i), change);
+    textureStore(direction, array_texel(i), change);
 }

@@ -11,13 +11,14 @@ struct LineSearchParams {
 
 @group(0) @binding(next) var<storage, read> partials: array<vec4<f32>>;
 @group(0) @binding(next) var<storage, read_write> status: Status;
-@group(0) @binding(next) var<storage, read_write> pushing: ContactStepState;
+@group(0) @binding(next) var<storage, read_write> contact_state: ContactStepState;
 @group(0) @binding(next) var<uniform> params: LineSearchParams;
 
-// A trial is too long if the slope is positive and exceeds the first fraction of the initial
-// descent; after such a trial, one is too short if the slope is still a larger descent than the
-// second fraction.
+// A trial is too long if its slope is uphill and exceeds this fraction of the initial descent.
 const MAX_SLOPE_RATIO: f32 = 0.5;
+
+// A trial after one that was too long is too short if its slope is downhill and exceeds this
+// fraction of the initial descent (curvature condition).
 const CURVATURE_RATIO: f32 = 0.9;
 
 // Maximum number of trials per direction.
@@ -28,55 +29,55 @@ const ACTIVATION_SHRINK: f32 = 0.3;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(local_invocation_index) lane: u32) {
-    var share = vec4(0.0);
+    var partial_sum = vec4(0.0);
     for (var k = lane; k < params.groups; k += WORKGROUP) {
-        share += partials[k];
+        partial_sum += partials[k];
     }
-    let total = reduce(share, lane);
+    let total = reduce(partial_sum, lane);
     if lane != 0u || status.failed != 0u || status.solving != 0u {
         return;
     }
-    let first = abs(total.x);
-    if pushing.line_search_trials == 0u {
-        pushing.bracket_low = 0.0;
-        pushing.low_slope = first;
+    let initial_slope = abs(total.x);
+    if contact_state.line_search_trials == 0u {
+        contact_state.bracket_low = 0.0;
+        contact_state.low_slope = initial_slope;
     }
-    let broken = !finite(total.y);
-    let far = broken || total.y < -MAX_SLOPE_RATIO * first;
-    let short = pushing.line_search_trials > 0u && total.y > CURVATURE_RATIO * first;
-    if pushing.line_search_trials < MAX_LINE_SEARCH_TRIALS && (far || short) {
-        if far {
-            pushing.high = pushing.last_length;
-            pushing.high_slope = select(total.y, -first, broken);
+    let is_not_finite = !finite(total.y);
+    let is_too_long = is_not_finite || total.y < -MAX_SLOPE_RATIO * initial_slope;
+    let is_too_short = contact_state.line_search_trials > 0u && total.y > CURVATURE_RATIO * initial_slope;
+    if contact_state.line_search_trials < MAX_LINE_SEARCH_TRIALS && (is_too_long || is_too_short) {
+        if is_too_long {
+            contact_state.high = contact_state.last_length;
+            contact_state.high_slope = select(total.y, -initial_slope, is_not_finite);
         } else {
-            pushing.bracket_low = pushing.last_length;
-            pushing.low_slope = total.y;
+            contact_state.bracket_low = contact_state.last_length;
+            contact_state.low_slope = total.y;
         }
-        let secant = pushing.low_slope / (pushing.low_slope - pushing.high_slope);
-        pushing.trial_length = mix(pushing.bracket_low, pushing.high, clamp(secant, 0.2, 0.7));
-        pushing.line_search_trials += 1u;
+        let secant = contact_state.low_slope / (contact_state.low_slope - contact_state.high_slope);
+        contact_state.trial_length = mix(contact_state.bracket_low, contact_state.high, clamp(secant, 0.2, 0.7));
+        contact_state.line_search_trials += 1u;
         status.solving = 1u;
         return;
     }
-    pushing.newton_iteration += 1u;
-    pushing.line_search_trials = 0u;
-    pushing.trial_length = 1.0;
-    let last = pushing.stage == pushing.stages;
-    pushing.tracks_tool = select(1u, 0u, last);
-    var least = 3.4e38;
+    contact_state.newton_iteration += 1u;
+    contact_state.line_search_trials = 0u;
+    contact_state.trial_length = 1.0;
+    let is_last_stage = contact_state.stage == contact_state.stages;
+    contact_state.tracks_tool = select(1u, 0u, is_last_stage);
+    var min_gap = 3.4e38;
     for (var k = 0u; k < arrayLength(&tools); k++) {
         tools[k].previous_position = tools[k].current_position;
         tools[k].previous_rotation = tools[k].current_rotation;
-        least = min(least, tools[k].numbers.y);
+        min_gap = min(min_gap, tools[k].contact_parameters.y);
     }
-    if !last {
-        pushing.stage += 1u;
-        set_tool_stage(pushing.stage, pushing.stages);
+    if !is_last_stage {
+        contact_state.stage += 1u;
+        set_tool_stage(contact_state.stage, contact_state.stages);
         return;
     }
-    pushing.activation_distance = select(0.0, ACTIVATION_SHRINK * pushing.activation_distance, ACTIVATION_SHRINK * pushing.activation_distance > least);
-    if pushing.update_friction != 0u {
-        pushing.friction_updates += 1u;
+    contact_state.activation_distance = select(0.0, ACTIVATION_SHRINK * contact_state.activation_distance, ACTIVATION_SHRINK * contact_state.activation_distance > min_gap);
+    if contact_state.update_friction != 0u {
+        contact_state.friction_updates += 1u;
         for (var k = 0u; k < arrayLength(&tools); k++) {
             tools[k].friction_position = tools[k].current_position;
             tools[k].friction_rotation = tools[k].current_rotation;

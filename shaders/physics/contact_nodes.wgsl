@@ -9,7 +9,7 @@
 // Three times the number of the face, plus the corner of the face that is the node.
 @group(0) @binding(next) var around_nodes: texture_2d<u32>;
 @group(0) @binding(next) var faces: texture_2d<f32>;
-@group(0) @binding(next) var shares: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(next) var node_contributions: texture_storage_2d<rgba32float, write>;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -25,14 +25,19 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if textureLoad(masses, i, 0).y != 0.0 {
         let x = textureLoad(start_positions, i, 0).xyz;
         let v = textureLoad(velocities, i, 0).xyz;
-        let way = textureLoad(ways, i, 0).xyz;
-        let rub = textureLoad(rubbed, i, 0).xyz;
-        let one = ContactNodes(mat3x3(x, x, x), mat3x3(v, v, v), mat3x3(way, way, way), mat3x3(rub, rub, rub));
+        let velocity_change = textureLoad(direction, i, 0).xyz;
+        let friction_velocity = textureLoad(friction_velocities, i, 0).xyz;
+        let one = ContactNodes(
+            mat3x3(x, x, x),
+            mat3x3(v, v, v),
+            mat3x3(velocity_change, velocity_change, velocity_change),
+            mat3x3(friction_velocity, friction_velocity, friction_velocity),
+        );
         for (var k = 0u; k < arrayLength(&tools); k++) {
-            let share = contact_contribution(k, one, vec3(1.0, 0.0, 0.0), bitcast<f32>(node.w));
-            force += vec4(share.force, share.pierced);
-            b0 += vec4(share.diagonal.x, share.mixed.xy, share.diagonal.y);
-            b1 += vec4(share.mixed.z, share.diagonal.z, 0.0, 0.0);
+            let contribution = contact_contribution(k, one, vec3(1.0, 0.0, 0.0), bitcast<f32>(node.w));
+            force += vec4(contribution.force, contribution.exceeds_penetration);
+            b0 += vec4(contribution.diagonal.x, contribution.mixed.xy, contribution.diagonal.y);
+            b1 += vec4(contribution.mixed.z, contribution.diagonal.z, 0.0, 0.0);
         }
     }
     for (var f = node.y; f < node.y + node.z; f++) {
@@ -42,8 +47,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         if textureLoad(faces, array_texel(first + 2u), 0).w == 0.0 {
             continue;
         }
-        let own = textureLoad(faces, array_texel(first + corner), 0);
-        force += vec4(own.xyz, select(0.0, own.w, corner == 0u));
+        let face_force = textureLoad(faces, array_texel(first + corner), 0);
+        force += vec4(face_force.xyz, select(0.0, face_force.w, corner == 0u));
         // With itself, with the next corner, and with the previous one.
         for (var k = 0u; k < 3u; k++) {
             let block = select(3u + (corner + 2u * (k - 1u)) % 3u, corner, k == 0u);
@@ -51,7 +56,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
             b1 += textureLoad(faces, array_texel(first + 4u + 2u * block), 0);
         }
     }
-    textureStore(shares, array_texel(3u * node.x), force);
-    textureStore(shares, array_texel(3u * node.x + 1u), b0);
-    textureStore(shares, array_texel(3u * node.x + 2u), b1);
+    textureStore(node_contributions, array_texel(3u * node.x), force);
+    textureStore(node_contributions, array_texel(3u * node.x + 1u), b0);
+    textureStore(node_contributions, array_texel(3u * node.x + 2u), b1);
 }

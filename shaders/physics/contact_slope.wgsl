@@ -14,7 +14,7 @@ struct SlopeParams {
 
 @group(0) @binding(0) var trial_velocities: texture_2d<f32>;
 @group(0) @binding(1) var velocities: texture_2d<f32>;
-@group(0) @binding(2) var ways: texture_2d<f32>;
+@group(0) @binding(2) var direction: texture_2d<f32>;
 @group(0) @binding(3) var masses: texture_2d<f32>;
 @group(0) @binding(4) var forces: texture_2d<f32>;
 // Residual at the start, from `physics/implicit_euler_begin`.
@@ -36,11 +36,11 @@ fn main(
     var sum = vec4(0.0);
     for (var i = id.x; i < params.nodes; i += groups.x * WORKGROUP) {
         // Zero for pinned nodes.
-        let way = textureLoad(ways, array_texel(i), 0).xyz;
+        let velocity_change = textureLoad(direction, array_texel(i), 0).xyz;
         let change = textureLoad(velocities, array_texel(i), 0).xyz - textureLoad(trial_velocities, array_texel(i), 0).xyz;
-        let r = textureLoad(masses, array_texel(i), 0).x * change + params.dt * textureLoad(forces, array_texel(i), 0).xyz;
-        let begun = textureLoad(preconditioner, array_texel(params.right + i), 0).xyz;
-        sum += vec4(dot(way, begun), dot(way, r), 0.0, 0.0);
+        let residual = textureLoad(masses, array_texel(i), 0).x * change + params.dt * textureLoad(forces, array_texel(i), 0).xyz;
+        let initial_residual = textureLoad(preconditioner, array_texel(params.right + i), 0).xyz;
+        sum += vec4(dot(velocity_change, initial_residual), dot(velocity_change, residual), 0.0, 0.0);
     }
     let total = reduce(sum, lane);
     if lane == 0u {

@@ -4,21 +4,21 @@
 #import lib/cg
 #import lib/tool
 
-struct TurnParams {
+struct SolveGateParams {
     max_iterations: u32,
 }
 
 @group(0) @binding(0) var<storage, read> scalars: CgScalars;
 @group(0) @binding(1) var<storage, read_write> status: Status;
-@group(0) @binding(2) var<storage, read_write> pushing: ContactStepState;
-@group(0) @binding(3) var<uniform> params: TurnParams;
+@group(0) @binding(2) var<storage, read_write> contact_state: ContactStepState;
+@group(0) @binding(3) var<uniform> params: SolveGateParams;
 
 @compute @workgroup_size(1)
 fn main() {
-    if status.failed != 0u || pushing.done != 0u {
+    if status.failed != 0u || contact_state.done != 0u {
         return;
     }
-    pushing.cg_batches += 1u;
-    let over = scalars.done != 0u || scalars.iterations >= params.max_iterations;
-    status.solving = select(1u, 0u, over);
+    contact_state.cg_batches += 1u;
+    let is_solved = scalars.done != 0u || scalars.iterations >= params.max_iterations;
+    status.solving = select(1u, 0u, is_solved);
 }

@@ -54,13 +54,13 @@ fn main(
 #each node         share += TERM_force(INDEX, m, x);
 #any node         f += share.xyz;
 #any node         energy += share.w;
-        let pull = m * params.gravity.xyz + params.newton * textureLoad(external_forces, array_texel(i), 0).xyz;
-        f += pull;
+        let external_force = m * params.gravity.xyz + params.newton * textureLoad(external_forces, array_texel(i), 0).xyz;
+        f += external_force;
 #each contact         let pressed = TERM_force(i).xyz;
 #each contact         f += pressed;
         textureStore(forces, array_texel(i), vec4(f, 0.0));
         let bad = select(NON_FINITE_WEIGHT, 0.0, finite3(x) && finite3(v) && finite3(f));
-        sum += vec4(0.5 * m * dot(v, v), energy, dot(pull, v), bad);
+        sum += vec4(0.5 * m * dot(v, v), energy, dot(external_force, v), bad);
         // Tools do external work.
 #each contact         sum.z += dot(pressed, v);
     }

@@ -50,10 +50,10 @@ fn intersect(corners: vec3<u32>) -> Hit {
     let qa = to_camera(params.view, position(corners.x));
     let qb = to_camera(params.view, position(corners.y));
     let qc = to_camera(params.view, position(corners.z));
-    let sight = ray_frame(params.view, params.pixel);
-    let a = project_to_ray_plane(qa, sight);
-    let b = project_to_ray_plane(qb, sight);
-    let c = project_to_ray_plane(qc, sight);
+    let frame = ray_frame(params.view, params.pixel);
+    let a = project_to_ray_plane(qa, frame);
+    let b = project_to_ray_plane(qb, frame);
+    let c = project_to_ray_plane(qc, frame);
     let w = vec3(cross2(b, c), cross2(c, a), cross2(a, b));
     let sum = w.x + w.y + w.z;
     let front = edge_test(w.x, corners.y, corners.z) && edge_test(w.y, corners.z, corners.x)

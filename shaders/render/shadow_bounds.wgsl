@@ -8,7 +8,7 @@ struct Bounds {
 }
 
 // Nodes farther than this from the local origin are ignored.
-const FAR: f32 = 1e6;
+const MAX_COORDINATE: f32 = 1e6;
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var<storage, read_write> grid: array<atomic<u32>>;
@@ -21,7 +21,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         return;
     }
     let p = textureLoad(positions, array_texel(i), 0).xyz;
-    if !all(abs(p) < vec3(FAR)) {
+    if !all(abs(p) < vec3(MAX_COORDINATE)) {
         return;
     }
     for (var k = 0u; k < 3u; k++) {

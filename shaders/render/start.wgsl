@@ -63,8 +63,8 @@ fn fragment(corner: Corner) -> RayStart {
             discard;
         }
     }
-    let sight = ray_frame(params, corner.position.xy);
-    let met = intersect_face(projected_at(ids.x).xyz, projected_at(ids.y).xyz, projected_at(ids.z).xyz, ids, sight);
+    let frame = ray_frame(params, corner.position.xy);
+    let met = intersect_face(projected_at(ids.x).xyz, projected_at(ids.y).xyz, projected_at(ids.z).xyz, ids, frame);
     if !met.found {
         discard;
     }

@@ -45,7 +45,7 @@ fn scalar_at(t: u32, ray: Ray, z: f32) -> f32 {
     }
     let gradient = plane(t, 4u);
     let corner = load_record(t, 5u);
-    let x = ray.foot + z * ray.run - bitcast<vec3<f32>>(corner.xyz);
+    let x = ray.origin + z * ray.direction - bitcast<vec3<f32>>(corner.xyz);
     let range = unpack2x16unorm(corner.w);
     let s = clamp(dot(gradient.xyz, x) + gradient.w, range.x, range.y);
     return params.scalar.x * s + params.scalar.y;
@@ -60,7 +60,7 @@ fn sample_at(t: u32, ray: Ray, z: f32) -> RaySample {
         return spot;
     }
     let ids = textureLoad(tets, array_texel(t), 0);
-    let x = ray.foot + z * ray.run;
+    let x = ray.origin + z * ray.direction;
     var p: array<vec3<f32>, 4>;
     for (var k = 0u; k < 4u; k++) {
         p[k] = textureLoad(positions, array_texel(ids[k]), 0).xyz - x;
@@ -93,47 +93,47 @@ fn sample_at(t: u32, ray: Ray, z: f32) -> RaySample {
 fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     var sum = before;
     // 4 tet + the entry face.
-    var at_face = code;
+    var entry_face = code;
     let entry = plane(code >> 2u, code & 3u);
-    let slant = dot(entry.xyz, ray.run);
-    let start = (entry.w - dot(entry.xyz, ray.foot)) / select(slant, -1e-12, abs(slant) < 1e-12);
+    let slant = dot(entry.xyz, ray.direction);
+    let start = (entry.w - dot(entry.xyz, ray.origin)) / select(slant, -1e-12, abs(slant) < 1e-12);
     var here = sample_at(code >> 2u, ray, select(start, max(start, params.near), BACKWARD_TRAVERSAL));
     let first = here.z;
     let cap = params.max_steps;
-    var mark = NONE;
+    var cycle_mark = NONE;
     var steps = 0u;
-    var dead = false;
+    var no_exit_face = false;
     // Whether the ray reached an opaque object.
     var ended = false;
     var last = code >> 2u;
     loop {
-        let t = at_face >> 2u;
-        if (at_face == NONE) | (t == mark) | (steps >= cap) | is_terminated(sum) | ended {
+        let t = entry_face >> 2u;
+        if (entry_face == NONE) | (t == cycle_mark) | (steps >= cap) | is_terminated(sum) | ended {
             break;
         }
         // Cycle detection: tets marked at powers of two reveal every cycle.
-        mark = select(mark, t, (steps & (steps - 1u)) == 0u);
+        cycle_mark = select(cycle_mark, t, (steps & (steps - 1u)) == 0u);
         steps += 1u;
         last = t;
         if CELL_SCALARS {
             here.s = scalar_at(t, ray, here.z);
         }
-        let k = vec3(at_face + 1u, at_face + 2u, at_face + 3u) & vec3(3u);
-        let p0 = plane(t, k.x);
-        let p1 = plane(t, k.y);
-        let p2 = plane(t, k.z);
-        var slants = vec3(dot(p0.xyz, ray.run), dot(p1.xyz, ray.run), dot(p2.xyz, ray.run));
-        let heights = vec3(p0.w - dot(p0.xyz, ray.foot), p1.w - dot(p1.xyz, ray.foot), p2.w - dot(p2.xyz, ray.foot));
+        let other_faces = vec3(entry_face + 1u, entry_face + 2u, entry_face + 3u) & vec3(3u);
+        let p0 = plane(t, other_faces.x);
+        let p1 = plane(t, other_faces.y);
+        let p2 = plane(t, other_faces.z);
+        var slants = vec3(dot(p0.xyz, ray.direction), dot(p1.xyz, ray.direction), dot(p2.xyz, ray.direction));
+        let heights = vec3(p0.w - dot(p0.xyz, ray.origin), p1.w - dot(p1.xyz, ray.origin), p2.w - dot(p2.xyz, ray.origin));
         var next_z = 0.0;
-        var exit = k.x;
+        var exit_face = other_faces.x;
         if BACKWARD_TRAVERSAL {
-            let leave = select(vec3(-1e30), heights / slants, slants < vec3(0.0));
-            next_z = leave.x;
-            if leave.y > next_z { next_z = leave.y; exit = k.y; }
-            if leave.z > next_z { next_z = leave.z; exit = k.z; }
+            let exit_z = select(vec3(-1e30), heights / slants, slants < vec3(0.0));
+            next_z = exit_z.x;
+            if exit_z.y > next_z { next_z = exit_z.y; exit_face = other_faces.y; }
+            if exit_z.z > next_z { next_z = exit_z.z; exit_face = other_faces.z; }
             // No exit face.
             if next_z <= -1e30 {
-                dead = true;
+                no_exit_face = true;
                 break;
             }
             next_z = min(next_z, here.z);
@@ -142,12 +142,12 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
                 return TraversalResult(initial_accumulator(accumulate_until_depth(sum, Segment(near, here, t), ray)), true, vec2(near.z, first));
             }
         } else {
-            let leave = select(vec3(1e30), heights / slants, slants > vec3(0.0));
-            next_z = leave.x;
-            if leave.y < next_z { next_z = leave.y; exit = k.y; }
-            if leave.z < next_z { next_z = leave.z; exit = k.z; }
+            let exit_z = select(vec3(1e30), heights / slants, slants > vec3(0.0));
+            next_z = exit_z.x;
+            if exit_z.y < next_z { next_z = exit_z.y; exit_face = other_faces.y; }
+            if exit_z.z < next_z { next_z = exit_z.z; exit_face = other_faces.z; }
             if next_z >= 1e30 {
-                dead = true;
+                no_exit_face = true;
                 break;
             }
             next_z = max(next_z, here.z);
@@ -162,19 +162,19 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
         } else {
             sum = accumulate_segment(sum, Segment(here, next, t), ray);
         }
-        at_face = load_record(t, 6u)[exit];
+        entry_face = load_record(t, 6u)[exit_face];
         here = next;
     }
-    let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARD_TRAVERSAL);
+    let depth_range = select(vec2(first, here.z), vec2(here.z, first), BACKWARD_TRAVERSAL);
     if is_terminated(sum) | ended {
-        return TraversalResult(sum, true, reach);
+        return TraversalResult(sum, true, depth_range);
     }
     // The ray must leave the mesh at a point of its last tet.
-    let end = ray.foot + here.z * ray.run;
+    let end = ray.origin + here.z * ray.direction;
     var outside = 0.0;
     for (var k = 0u; k < 4u; k++) {
         let p = plane(last, k);
         outside = max(outside, dot(p.xyz, end) - p.w);
     }
-    return TraversalResult(sum, !dead && at_face == NONE && outside < RAY_EPSILON, reach);
+    return TraversalResult(sum, !no_exit_face && entry_face == NONE && outside < RAY_EPSILON, depth_range);
 }

@@ -24,9 +24,9 @@
 #import lib/walk_frame
 
 // Returns node i projected along the ray: (x, y) offset from the ray, z, scalar.
-fn project_vertex(i: u32, sight: RayFrame) -> vec4<f32> {
+fn project_vertex(i: u32, frame: RayFrame) -> vec4<f32> {
     let q = projected_at(i);
-    return vec4(project_to_ray_plane(q.xyz, sight), q.zw);
+    return vec4(project_to_ray_plane(q.xyz, frame), q.zw);
 }
 
 // Returns the position of node i, in the local frame.
@@ -40,7 +40,7 @@ fn rest_position(i: u32) -> vec3<f32> {
 }
 
 fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
-    let sight = ray.sight;
+    let frame = ray.frame;
     var sum = before;
     var t = code >> 2u;
     let nodes = textureLoad(tets, array_texel(t), 0);
@@ -52,11 +52,11 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     var ia = nodes[f.x];
     var ib = nodes[f.y];
     var ic = nodes[f.z];
-    var a = project_vertex(ia, sight);
-    var b = project_vertex(ib, sight);
-    var c = project_vertex(ic, sight);
+    var a = project_vertex(ia, frame);
+    var b = project_vertex(ib, frame);
+    var c = project_vertex(ic, frame);
     var w = vec3(cross2(b.xy, c.xy), cross2(c.xy, a.xy), cross2(a.xy, b.xy));
-    var all = nodes.x ^ nodes.y ^ nodes.z ^ nodes.w;
+    var node_xor = nodes.x ^ nodes.y ^ nodes.z ^ nodes.w;
     let start_share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
     var here: RaySample;
     here.z = clamp(dot(w, vec3(a.z, b.z, c.z)) * start_share, min(a.z, min(b.z, c.z)), max(a.z, max(b.z, c.z)));
@@ -87,35 +87,35 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     // Whether the ray reached an opaque object.
     var ended = false;
     let cap = params.max_steps;
-    var mark = NONE;
+    var cycle_mark = NONE;
     var steps = 0u;
     loop {
-        if (t == NONE) | (t == mark) | (steps >= cap) | is_terminated(sum) | ended {
+        if (t == NONE) | (t == cycle_mark) | (steps >= cap) | is_terminated(sum) | ended {
             break;
         }
         // Cycle detection: tets marked at powers of two reveal every cycle.
-        mark = select(mark, t, (steps & (steps - 1u)) == 0u);
+        cycle_mark = select(cycle_mark, t, (steps & (steps - 1u)) == 0u);
         steps += 1u;
         last = t;
-        let id = all ^ ia ^ ib ^ ic;
-        let d = project_vertex(id, sight);
-        let da = cross2(a.xy, d.xy);
-        let db = cross2(b.xy, d.xy);
-        let dc = cross2(c.xy, d.xy);
+        let opposite_node = node_xor ^ ia ^ ib ^ ic;
+        let opposite = project_vertex(opposite_node, frame);
+        let da = cross2(a.xy, opposite.xy);
+        let db = cross2(b.xy, opposite.xy);
+        let dc = cross2(c.xy, opposite.xy);
         // Selects the vertex of a, b and c to drop: the ray leaves through the other two and d.
         let drop_c = (da <= 0.0) & (db >= 0.0);
         let drop_b = (da > 0.0) & (dc <= 0.0);
         let drop_a = !(drop_b | drop_c);
-        let dropped = select(select(ia, ib, drop_b), ic, drop_c);
-        let rank = select(0u, 1u, ia < dropped) + select(0u, 1u, ib < dropped)
-            + select(0u, 1u, ic < dropped) + select(0u, 1u, id < dropped);
+        let dropped_node = select(select(ia, ib, drop_b), ic, drop_c);
+        let rank = select(0u, 1u, ia < dropped_node) + select(0u, 1u, ib < dropped_node)
+            + select(0u, 1u, ic < dropped_node) + select(0u, 1u, opposite_node < dropped_node);
         let link = link_at(t * 4u + rank);
-        a = select(a, d, drop_a);
-        b = select(b, d, drop_b);
-        c = select(c, d, drop_c);
-        ia = select(ia, id, drop_a);
-        ib = select(ib, id, drop_b);
-        ic = select(ic, id, drop_c);
+        a = select(a, opposite, drop_a);
+        b = select(b, opposite, drop_b);
+        c = select(c, opposite, drop_c);
+        ia = select(ia, opposite_node, drop_a);
+        ib = select(ib, opposite_node, drop_b);
+        ic = select(ic, opposite_node, drop_c);
         w = vec3(
             select(select(w.x, -dc, drop_b), db, drop_c),
             select(select(w.y, dc, drop_a), -da, drop_c),
@@ -124,7 +124,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
         let share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
         var next: RaySample;
         if PER_NODE_LIGHT {
-            let gd = gradient_at(id);
+            let gd = gradient_at(opposite_node);
             ga = select(ga, gd, drop_a);
             gb = select(gb, gd, drop_b);
             gc = select(gc, gd, drop_c);
@@ -134,7 +134,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
             }
         }
         if USE_REST_POSITIONS {
-            let rd = rest_position(id);
+            let rd = rest_position(opposite_node);
             ra = select(ra, rd, drop_a);
             rb = select(rb, rd, drop_b);
             rc = select(rc, rd, drop_c);
@@ -167,14 +167,14 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
         }
         here = next;
         t = link.x;
-        all = link.y;
+        node_xor = link.y;
     }
-    let reach = select(vec2(first, here.z), vec2(here.z, first), BACKWARD_TRAVERSAL);
+    let depth_range = select(vec2(first, here.z), vec2(here.z, first), BACKWARD_TRAVERSAL);
     if is_terminated(sum) | ended {
-        return TraversalResult(sum, true, reach);
+        return TraversalResult(sum, true, depth_range);
     }
     // The ray must leave the mesh through a face of its last tet.
     let home = textureLoad(tets, array_texel(last), 0);
     let at_face = any(home == vec4(ia)) && any(home == vec4(ib)) && any(home == vec4(ic));
-    return TraversalResult(sum, t == NONE && at_face, reach);
+    return TraversalResult(sum, t == NONE && at_face, depth_range);
 }

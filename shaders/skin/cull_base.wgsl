@@ -8,7 +8,7 @@
 
 // Upper bound of the strain, so that products with it stay finite.
 const MAX_STRAIN: f32 = 1e6;
-const MOST_BEND: f32 = 0.999;
+const MAX_CURVATURE: f32 = 0.999;
 
 struct CullBase {
     view: View,
@@ -103,7 +103,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     for (var k = 0u; k < 3u; k++) {
         let next = (k + 1u) % 3u;
         let side = p[next] - p[k];
-        let bend = clamp(offset * dot(n[next] - n[k], side) / max(dot(side, side), 1e-30), -MOST_BEND, MOST_BEND);
+        let bend = clamp(offset * dot(n[next] - n[k], side) / max(dot(side, side), 1e-30), -MAX_CURVATURE, MAX_CURVATURE);
         let outwards = (1.0 + bend) / (1.0 + rest_bends[k]);
         let inwards = (1.0 - bend) / (1.0 - rest_bends[k]);
         bent = max(bent, max(max(outwards, 1.0 / outwards), max(inwards, 1.0 / inwards)));

@@ -28,6 +28,6 @@ fn append_segment(pixel: vec2<u32>, walked: TraversalResult) {
     }
     let slot = atomicAdd(&intervals.count, 1u);
     if slot < arrayLength(&intervals.items) {
-        intervals.items[slot] = RaySegment(pixel.x | (pixel.y << 16u), walked.reach.x, walked.reach.y, 0u, walked.sum);
+        intervals.items[slot] = RaySegment(pixel.x | (pixel.y << 16u), walked.depth_range.x, walked.depth_range.y, 0u, walked.sum);
     }
 }

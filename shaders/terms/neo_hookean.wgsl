@@ -13,26 +13,26 @@ fn neo_hookean_energy(g: mat3x3<f32>, mu: f32, lambda: f32) -> f32 {
     let c = cofactor(g);
     let j = volume_change(g, c);
     let shear = mu * (0.5 * double_dot(g, g) - trace(c) - dot(g[0], c[0]));
-    return shear + volume_energy(j, mu, lambda);
+    return shear + volumetric_energy(j, mu, lambda);
 }
 
 fn neo_hookean_stress(g: mat3x3<f32>, mu: f32, lambda: f32) -> mat3x3<f32> {
     let c = cofactor(g);
-    let change = cofactor_differential(g, c);
-    let pressure = volume_stress(volume_change(g, c), mu, lambda).x;
-    return mu * (g - change) + pressure * (unit_matrix() + change);
+    let cofactor_change = cofactor_minus_identity(g, c);
+    let pressure = volumetric_derivatives(volume_change(g, c), mu, lambda).x;
+    return mu * (g - cofactor_change) + pressure * (unit_matrix() + cofactor_change);
 }
 
 fn neo_hookean_curvature(e: vec3<f32>, mu: f32, lambda: f32) -> PrincipalHessian {
     let s = vec3(1.0) + e;
-    let volume = cofactors_and_det(e);
-    let by = volume.xyz;
-    let stress = volume_stress(volume.w, mu, lambda);
-    let pressure = stress.x;
-    let off = stress.y * by.yzx * by.zxy + (pressure - mu) * s;
-    let on = mu + stress.y * by * by;
+    let cofactors_and_j = cofactors_and_det(e);
+    let cofactors = cofactors_and_j.xyz;
+    let volumetric = volumetric_derivatives(cofactors_and_j.w, mu, lambda);
+    let pressure = volumetric.x;
+    let off_diagonal = volumetric.y * cofactors.yzx * cofactors.zxy + (pressure - mu) * s;
+    let diagonal = mu + volumetric.y * cofactors * cofactors;
     return PrincipalHessian(
-        mat3x3(on.x, off.z, off.y, off.z, on.y, off.x, off.y, off.x, on.z),
+        mat3x3(diagonal.x, off_diagonal.z, off_diagonal.y, off_diagonal.z, diagonal.y, off_diagonal.x, off_diagonal.y, off_diagonal.x, diagonal.z),
         mu + mu * s - pressure * s,
         pressure * s - mu * e,
     );

@@ -20,8 +20,8 @@ struct Scan {
     look: vec4<f32>,
 }
 
-// Label numbers are stored as multiples of 1 / MOST_LABELS.
-const MOST_LABELS: f32 = 1024.0;
+// Label numbers are stored as multiples of 1 / MAX_LABELS.
+const MAX_LABELS: f32 = 1024.0;
 
 // The scans stacked along z: values from -1 to 1 over their range, or label numbers.
 @group(0) @binding(next) var scan: texture_3d<f32>;
@@ -54,7 +54,7 @@ fn normalised_value(k: u32, p: vec3<f32>) -> f32 {
 fn label_at(k: u32, p: vec3<f32>) -> u32 {
     let size = scans[k].size;
     let q = clamp(floor(p + 0.5), vec3(0.0), size.xyz - 1.0) + vec3(0.0, 0.0, size.w);
-    return u32(MOST_LABELS * textureLoad(scan, vec3<i32>(q), 0).x + 0.5);
+    return u32(MAX_LABELS * textureLoad(scan, vec3<i32>(q), 0).x + 0.5);
 }
 
 #for render/shadow_fill

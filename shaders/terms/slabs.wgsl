@@ -5,7 +5,7 @@
 #term table
 
 // Segments deeper than params.table_max_depth, the depth of the last layer, are subdivided.
-const MOST_PIECES: f32 = 65536.0;
+const MAX_PIECES: f32 = 65536.0;
 
 // Opacity at which integration stops (early termination).
 override INTEGRATION_CUTOFF: f32 = 0.9995;
@@ -16,7 +16,7 @@ override INTEGRATION_CUTOFF: f32 = 0.9995;
 // Returns the premultiplied colour and opacity of a segment between table coordinates s0 (front)
 // and s1. There is only one transfer function, so `row` is ignored.
 fn segment(s0: f32, s1: f32, depth: f32, row: u32) -> vec4<f32> {
-    let pieces = clamp(ceil(depth / params.table_max_depth), 1.0, MOST_PIECES);
+    let pieces = clamp(ceil(depth / params.table_max_depth), 1.0, MAX_PIECES);
     let layer = clamp(depth / (pieces * params.table_max_depth), 0.0, 1.0) * f32(params.layers - 1u);
     let below = i32(min(layer, f32(params.layers) - 2.0));
     var sum = vec4(0.0);

@@ -64,7 +64,7 @@ fn arrows(canvas: &mut Canvas, camera: &Camera) {
     }
     for i in order {
         let direction = axes[i].1;
-        // The letter of an axis along the view is placed beside the origin, not on it.
+        // The letter of an axis along the view is placed next to the origin, not on it.
         let long = direction[0].hypot(direction[1]);
         let out = LENGTH * long + LABEL_OFFSET;
         let way = match long > 0.05 {

@@ -2,11 +2,11 @@
 
 use super::canvas::{Anchor, CAP_HEIGHT, Canvas, Colour};
 use super::numbers::{label, ticks};
-use crate::render::ResolvedTransfer;
+use crate::render::AbsoluteTransferFunction;
 
 /// Height of the bar as a fraction of the image height.
 const HEIGHT: f32 = 0.5;
-/// Widths of the bar and of the opacity strip beside it, as multiples of the font size.
+/// Widths of the bar and of the opacity strip next to it, as multiples of the font size.
 const BAR: f32 = 1.1;
 const OPACITY_STRIP_WIDTH: f32 = 0.7;
 /// Maximum number of tick intervals, and the minimum distance of two ticks as a multiple of the
@@ -67,10 +67,10 @@ pub enum BarColours {
     /// Colours of a transfer function.
     Transfer {
         /// The transfer function, in the units of the range and of the mesh.
-        transfer: ResolvedTransfer,
-        /// Path length through the body, in mesh units: a strip beside the bar shows the colours
+        transfer: AbsoluteTransferFunction,
+        /// Path length through the body, in mesh units: a strip next to the bar shows the colours
         /// with the opacity of this path length, over a checkerboard. `None` omits the strip.
-        way: Option<f64>,
+        path_length: Option<f64>,
     },
 }
 
@@ -88,7 +88,7 @@ impl Legend {
 struct Layout {
     left: u32,
     top: u32,
-    /// Widths of the bar and of the strip beside it.
+    /// Widths of the bar and of the strip next to it.
     widths: [u32; 2],
     height: u32,
 }
@@ -120,7 +120,10 @@ impl ColourBar {
     fn layout(&self, canvas: &Canvas, labels: f32) -> Layout {
         let (em, [width, height]) = (canvas.em, canvas.size());
         let strip = match &self.colours {
-            BarColours::Transfer { way: Some(_), .. } => (OPACITY_STRIP_WIDTH * em).round(),
+            BarColours::Transfer {
+                path_length: Some(_),
+                ..
+            } => (OPACITY_STRIP_WIDTH * em).round(),
             _ => 0.0,
         };
         let bar = (BAR * em).round();
@@ -144,8 +147,11 @@ impl ColourBar {
                 let grey = (scalar - low) / (high - low).max(f64::MIN_POSITIVE);
                 ([grey.clamp(0.0, 1.0) as f32; 3], 1.0)
             }
-            BarColours::Transfer { transfer, way } => {
-                let depth = transfer.extinction(scalar) * way.unwrap_or(0.0);
+            BarColours::Transfer {
+                transfer,
+                path_length,
+            } => {
+                let depth = transfer.extinction(scalar) * path_length.unwrap_or(0.0);
                 let colour = transfer.colour(scalar).map(|c| c as f32);
                 (colour, (1.0 - (-depth).exp()) as f32)
             }
@@ -286,7 +292,7 @@ mod tests {
         }
     }
 
-    fn transfer() -> ResolvedTransfer {
+    fn transfer() -> AbsoluteTransferFunction {
         let preset = TransferFunction::preset("tissue").unwrap();
         preset.to_absolute((-200.0, 900.0), 3.0)
     }
@@ -319,7 +325,7 @@ mod tests {
         for size in [[256, 256], [1024, 768]] {
             let bar = bar(BarColours::Transfer {
                 transfer: transfer.clone(),
-                way: Some(0.3),
+                path_length: Some(0.3),
             });
             let (image, layout) = drawn(&bar, size);
             for row in 0..layout.height {
@@ -340,7 +346,7 @@ mod tests {
             TransferFunction::new(vec![[0.0, 1.0, 0.0, 0.0]], vec![[0.0, 0.0], [0.0, 1000.0]]);
         let bar = bar(BarColours::Transfer {
             transfer: clear.unwrap().to_absolute((0.0, 1.0), 1.0),
-            way: Some(0.3),
+            path_length: Some(0.3),
         });
         let (image, layout) = drawn(&bar, [600, 600]);
         let x = layout.left + layout.widths[0] + layout.widths[1] / 2;

@@ -46,7 +46,7 @@ pub fn preset_sheet() -> Result<Image> {
             range: (0.0, 1.0),
             colours: BarColours::Transfer {
                 transfer,
-                way: Some(STRIP_DEPTH),
+                path_length: Some(STRIP_DEPTH),
             },
         };
         let corner = [left + BEGIN, top];

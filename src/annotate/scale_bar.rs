@@ -5,7 +5,7 @@ use super::numbers::{label, round_below};
 use crate::render::{Camera, Projection};
 
 /// Maximum length of the bar as a fraction of the image width.
-const MOST: f64 = 0.25;
+const MAX_LENGTH_RATIO: f64 = 0.25;
 /// Thickness, as a multiple of the font size.
 const THICKNESS: f32 = 0.22;
 /// Units, the largest first: name, minimum length in metres, metres per unit.
@@ -39,8 +39,8 @@ impl ScaleBar {
         };
         let unit = self.length_unit.unwrap_or(1.0);
         let metre = f64::from(size[1].max(1)) / (height * unit);
-        let most = MOST * f64::from(size[0].max(1)) / metre;
-        let length = round_below(most);
+        let max_length = MAX_LENGTH_RATIO * f64::from(size[0].max(1)) / metre;
+        let length = round_below(max_length);
         let words = match self.length_unit {
             Some(_) => {
                 let fits = |(_, from, _): &&(&str, f64, f64)| length >= from * (1.0 - 1e-9);

@@ -10,19 +10,19 @@ const SAMPLES_A_CELL: f64 = 64.0;
 /// Minimum and maximum number of samples in a tetrahedron.
 const SAMPLES: [f64; 2] = [4.0, 4096.0];
 /// Minimum fill fraction of a cell that the body touches.
-const LEAST_FILL: f64 = 0.01;
+const MIN_FILL_RATIO: f64 = 0.01;
 /// Maximum ratio of cell sides; more elongated cells cannot have isotropic springs.
-const MOST_STRETCH: f64 = 1.15;
+const MAX_STRETCH: f64 = 1.15;
 /// Maximum number of cells along an axis, and in total.
-const MOST_ALONG: f64 = 1024.0;
-const MOST: f64 = 1e8;
+const MAX_CELLS_PER_AXIS: f64 = 1024.0;
+const MAX_CELLS: f64 = 1e8;
 
 /// A sample point with its share of the fine body.
 struct Sample {
     place: DVec3,
     /// Young's modulus times volume, Pa m³.
     stiffness: f64,
-    /// Of finite elements: Lamé parameters μ and λ times volume, Pa m³.
+    /// Lamé parameters μ and λ times volume, Pa m³, for finite elements.
     lame: [f64; 2],
     /// Mass, kg.
     mass: f64,
@@ -35,7 +35,7 @@ pub(super) struct CellContent {
     pub occupied: bool,
     /// Young's modulus times fill fraction, Pa.
     pub young: f64,
-    /// Of finite elements: Lamé parameters μ and λ times fill fraction, Pa.
+    /// Lamé parameters μ and λ times fill fraction, Pa, for finite elements.
     pub lame: [f64; 2],
     /// Mass, kg.
     pub mass: f64,
@@ -85,7 +85,7 @@ impl Cells {
         let whole = (extent / side).round().max(DVec3::ONE);
         let fitted = extent / whole;
         let stretch = fitted.max_element() / fitted.min_element();
-        let (low, spacing, whole) = match stretch <= MOST_STRETCH {
+        let (low, spacing, whole) = match stretch <= MAX_STRETCH {
             true => (low, fitted, whole),
             false => {
                 let whole = (extent / side).ceil().max(DVec3::ONE);
@@ -94,9 +94,9 @@ impl Cells {
             }
         };
         let total = whole.to_array().iter().product::<f64>();
-        if !(whole.max_element() <= MOST_ALONG && total <= MOST) {
+        if !(whole.max_element() <= MAX_CELLS_PER_AXIS && total <= MAX_CELLS) {
             return Err(Error::Input(format!(
-                "a cage with cells of side {side} exceeds {MOST_ALONG} cells along an axis or {MOST:e} in total; reduce its number of nodes"
+                "a cage with cells of side {side} exceeds {MAX_CELLS_PER_AXIS} cells along an axis or {MAX_CELLS:e} in total; reduce its number of nodes"
             )));
         }
         let count = whole.to_array().map(|n| n as usize);
@@ -146,9 +146,9 @@ impl Cells {
         }
         let mut total = 0.0;
         for content in self.contents.iter_mut().filter(|c| c.occupied) {
-            content.young = content.young.max(LEAST_FILL * stiffness / body);
+            content.young = content.young.max(MIN_FILL_RATIO * stiffness / body);
             // One factor for both, to preserve Poisson's ratio.
-            let least = LEAST_FILL / body;
+            let least = MIN_FILL_RATIO / body;
             match content.lame[0] {
                 0.0 => content.lame = lame.map(|l| least * l),
                 mu => {
@@ -156,7 +156,7 @@ impl Cells {
                     content.lame = content.lame.map(|l| more * l);
                 }
             }
-            content.mass = content.mass.max(LEAST_FILL * mass / body * volume);
+            content.mass = content.mass.max(MIN_FILL_RATIO * mass / body * volume);
             total += content.mass;
         }
         // Rescales all cells to the total mass, which the minimum fill increased.

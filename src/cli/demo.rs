@@ -19,8 +19,8 @@ const TRANSFER: &str = include_str!("../../data/limb.json");
 /// Frame rate of the animation, 1/s.
 const FPS: f64 = 16.0;
 /// Factor by which the pressed limb has fewer tets, and their minimum number.
-const COARSER: usize = 4;
-const LEAST: usize = 2_000;
+const PRESS_COARSENING: usize = 4;
+const MIN_PRESS_TETS: usize = 2_000;
 
 /// Arguments of `demo`.
 #[derive(Args)]
@@ -84,7 +84,7 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     )]);
     let pressed = out.join("press");
     std::fs::create_dir_all(&pressed).map_err(Error::io(&pressed))?;
-    scene.mesh.tets = Some((arguments.tets / COARSER).max(LEAST));
+    scene.mesh.tets = Some((arguments.tets / PRESS_COARSENING).max(MIN_PRESS_TETS));
     print_notes(&["pressing on the forearm with a fingertip".into()]);
     let report = super::press::press(gpu, &scene, &PressOptions::default(), &pressed)?;
     if arguments.json {

@@ -45,7 +45,7 @@ pub struct SceneFlags {
     #[arg(long, value_name = "KEV", help_heading = "Picture")]
     pub energy: Option<f64>,
     /// Select the ray traversal of tets: vertices or planes
-    #[arg(long, help_heading = "Picture")]
+    #[arg(long, value_name = "TRAVERSAL", help_heading = "Picture")]
     pub walk: Option<String>,
     /// Set the background of a PNG: black, white or transparent [default: black]
     #[arg(long, help_heading = "Picture")]
@@ -62,7 +62,7 @@ pub struct SceneFlags {
     /// [default: none; 0.7 without a number]
     #[arg(
         long,
-        value_name = "DARK",
+        value_name = "STRENGTH",
         help_heading = "Picture",
         num_args = 0..=1,
         require_equals = true,
@@ -121,8 +121,8 @@ pub struct SceneFlags {
     /// resolution per axis and averages [default: 4 with skins or a lit boundary, 1 otherwise]
     #[arg(long, value_name = "N", help_heading = "Picture")]
     pub samples: Option<u32>,
-    /// Draw a colour bar of the field, or a list of the regions, at the right; a strip beside it has
-    /// the opacity of a tenth of the mesh's extent. In PNGs and films only, like all overlays
+    /// Draw a colour bar of the field, or a list of the regions, at the right; a strip next to it
+    /// has the opacity of a tenth of the mesh's extent. In PNGs and films only, like all overlays
     #[arg(long, help_heading = "Around the picture")]
     pub legend: bool,
     /// Draw a scale bar of a round length, in metres if the unit is known, otherwise in the mesh's

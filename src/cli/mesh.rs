@@ -72,7 +72,7 @@ pub struct MeshArguments {
     #[arg(long, help_heading = "Size")]
     unit: Option<String>,
     /// Set the frame of reference of surface files that do not state theirs: ras or lps [default:
-    /// coordinates are kept; with --intensity, or beside a surface of known frame, lps]
+    /// coordinates are kept; with --intensity, or together with a surface of known frame, lps]
     #[arg(long, help_heading = "Size")]
     frame: Option<AnatomicalFrame>,
     /// Select the mesher: lattice (built in), or tetgen (the installed program, for surfaces)
@@ -85,8 +85,8 @@ pub struct MeshArguments {
     /// Set the number of smoothing iterations of an extracted surface
     #[arg(long, help_heading = "Fields", default_value_t = 0)]
     smooth: u32,
-    /// Write the mesh in this number of pieces, partitioned by a k-d tree: OUT, a .pvtu, lists them,
-    /// and each is a .vtu beside it that can be rendered separately (docs/cluster.md)
+    /// Write the mesh in this number of pieces, partitioned by a k-d tree: OUT, a .pvtu, lists
+    /// them, and each is a .vtu in its folder that can be rendered separately (docs/cluster.md)
     #[arg(long, value_name = "N")]
     pieces: Option<usize>,
     /// Write a report of the mesh, its quality and the computing time as JSON

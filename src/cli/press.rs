@@ -101,8 +101,7 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
 }
 
 /// Presses on the body of `scene` and writes images, an animation, a series and the measurements to
-/// `out`, which exists.
-/// Long because it follows the course of a press, with its outputs.
+/// `out`, which exists. Long because it writes each output of a press in turn.
 pub fn press(
     gpu: &Gpu,
     scene: &Scene,

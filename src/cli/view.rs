@@ -35,7 +35,7 @@ pub fn run(arguments: &ViewArguments) -> anyhow::Result<Outcome> {
         .status()
         .map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => Error::Input(format!(
-                "the viewer {NAME} was not found beside this program or in PATH; install it with `cargo install --path viewer` in the source folder of Palpate"
+                "the viewer {NAME} was not found in the folder of this program or in PATH; install it with `cargo install --path viewer` in the source folder of Palpate"
             )),
             _ => Error::io(&program)(e),
         })?;

@@ -26,11 +26,15 @@ const LUMP: [f64; 2] = [0.022, 0.022];
 /// An [`Error::Input`](crate::Error::Input) for fewer than 1,000 tets or more than 20 million, and
 /// for an invalid lump or one that does not fit.
 pub fn breast(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
-    telling(tets, lump, &no_progress)
+    generate_with_progress(tets, lump, &no_progress)
 }
 
 /// As [`breast`], with progress reports.
-pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: ProgressFn) -> Result<TetMesh> {
+pub(super) fn generate_with_progress(
+    tets: usize,
+    lump: Option<Lump>,
+    progress: ProgressFn,
+) -> Result<TetMesh> {
     organ(Breast, tets, lump, progress)
 }
 

@@ -19,11 +19,15 @@ const LUMP: [f64; 2] = [-0.03, 0.0];
 /// # Errors
 /// As [`breast`](super::breast).
 pub fn liver(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
-    telling(tets, lump, &no_progress)
+    generate_with_progress(tets, lump, &no_progress)
 }
 
 /// As [`liver`], with progress reports.
-pub(super) fn telling(tets: usize, lump: Option<Lump>, progress: ProgressFn) -> Result<TetMesh> {
+pub(super) fn generate_with_progress(
+    tets: usize,
+    lump: Option<Lump>,
+    progress: ProgressFn,
+) -> Result<TetMesh> {
     organ(Liver, tets, lump, progress)
 }
 

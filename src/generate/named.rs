@@ -104,11 +104,11 @@ pub(crate) fn by_name_with_progress(
             duct([across, across, along], size, Bore::Round)
         }
         "cube" => benchmark_cube(side(tets.unwrap_or(48_000), 6.0), false),
-        "limb" => limb::telling(tets.unwrap_or(100_000), progress),
+        "limb" => limb::generate_with_progress(tets.unwrap_or(100_000), progress),
         "biceps" => biceps(tets.unwrap_or(8_000)),
-        "breast" => breast::telling(tets.unwrap_or(20_000), lump, progress),
-        "liver" => liver::telling(tets.unwrap_or(20_000), lump, progress),
-        "foot" => foot::telling(tets.unwrap_or(100_000), progress),
+        "breast" => breast::generate_with_progress(tets.unwrap_or(20_000), lump, progress),
+        "liver" => liver::generate_with_progress(tets.unwrap_or(20_000), lump, progress),
+        "foot" => foot::generate_with_progress(tets.unwrap_or(100_000), progress),
         _ => Err(unknown(name)),
     }
 }

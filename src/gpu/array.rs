@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 mod gpu_data {
     crate::gpu_struct! {
         /// See `shaders/gpu/scatter_u32x4.wgsl`.
-        pub struct Put {
+        pub struct ScatterParams {
             pub items: u32,
         }
     }
@@ -27,7 +27,7 @@ const WIDTH_STEP: u32 = 256;
 /// not grow with the array.
 const UPLOAD_CHUNK_BYTES: usize = 32 << 20;
 /// Maximum items per scatter: storage buffers of 16 MiB.
-const PUT: usize = 1 << 20;
+const MAX_SCATTER_ITEMS: usize = 1 << 20;
 
 /// Texel format of an [`Array`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -407,8 +407,11 @@ impl Gpu {
                 array.texel.bytes()
             )));
         }
-        for (places, items) in places.chunks(PUT).zip(items.chunks(PUT)) {
-            let params = gpu_data::Put {
+        for (places, items) in places
+            .chunks(MAX_SCATTER_ITEMS)
+            .zip(items.chunks(MAX_SCATTER_ITEMS))
+        {
+            let params = gpu_data::ScatterParams {
                 items: places.len() as u32,
             };
             let places = self.buffer_of("places", places)?;

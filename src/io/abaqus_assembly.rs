@@ -15,10 +15,10 @@ use glam::{DQuat, DVec3};
 use std::collections::HashMap;
 
 /// Maximum number of node sets, since each becomes a field.
-const MOST_NODE_SETS: usize = 32;
+const MAX_NODE_SETS: usize = 32;
 
 /// Maximum number of nodes and elements of all copies of parts, since a short file may ask for many.
-const MOST_COPIED: usize = 1 << 24;
+const MAX_COPIED_ITEMS: usize = 1 << 24;
 
 /// A copy of a part in the assembly.
 #[derive(Default)]
@@ -33,7 +33,7 @@ pub(super) struct Instance {
     pub translation: Option<DVec3>,
     /// A point of the axis, and the rotation.
     pub rotation: Option<(DVec3, DQuat)>,
-    /// Sets beside those of the part.
+    /// Sets in addition to those of the part.
     pub node_sets: Sets,
     pub element_sets: Sets,
 }
@@ -202,9 +202,9 @@ pub(super) fn assemble(
         placed = placed.saturating_add(items);
     }
     let stored: usize = parts.iter().map(|p| p.nodes.len() + p.elements.len()).sum();
-    if placed > stored.max(MOST_COPIED) {
+    if placed > stored.max(MAX_COPIED_ITEMS) {
         return Err(format!(
-            "instances of parts have {placed} nodes and elements together, more than {MOST_COPIED}; \
+            "instances of parts have {placed} nodes and elements together, more than {MAX_COPIED_ITEMS}; \
             remove instances"
         ));
     }
@@ -391,12 +391,12 @@ impl Content {
             set.items.dedup();
         }
         sets.retain(|set| !set.items.is_empty() && set.items.len() < nodes);
-        if sets.len() > MOST_NODE_SETS {
+        if sets.len() > MAX_NODE_SETS {
             mesh.warnings.push(format!(
-                "{} node sets after the first {MOST_NODE_SETS} skipped",
-                sets.len() - MOST_NODE_SETS
+                "{} node sets after the first {MAX_NODE_SETS} skipped",
+                sets.len() - MAX_NODE_SETS
             ));
-            sets.truncate(MOST_NODE_SETS);
+            sets.truncate(MAX_NODE_SETS);
         }
         let keys: Vec<_> = sets.iter().map(|s| (s.part, s.name.clone())).collect();
         for (set, name) in sets.iter().zip(unique_names(&keys, parts)) {

@@ -1,7 +1,7 @@
 //! Node layouts of Abaqus element types.
 
 /// Number of nodes of the largest element.
-pub(super) const MOST_NODES: usize = 27;
+pub(super) const MAX_NODES_PER_CELL: usize = 27;
 
 /// Node layout of an element type.
 #[derive(Clone, Copy)]

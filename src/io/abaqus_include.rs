@@ -19,7 +19,7 @@ const END: &str = "**\u{1}end";
 const DEEPEST: usize = 16;
 
 /// Maximum size of a file with all that it includes, in bytes.
-const MOST_BYTES: usize = i32::MAX as usize;
+const MAX_BYTES: usize = i32::MAX as usize;
 
 /// Returns the content of the file `path` with all files that it includes, if it is an Abaqus input
 /// file; otherwise `bytes`.
@@ -103,9 +103,9 @@ fn insert(bytes: &[u8], open: &mut Vec<PathBuf>, whole: &mut Vec<u8>) -> ParseRe
             format!("line {number}: *{keyword} {verb} the file {file}{e}")
         })?;
         number += lines - 1;
-        if whole.len() + content.len() > MOST_BYTES {
+        if whole.len() + content.len() > MAX_BYTES {
             return Err(format!(
-                "line {number}: included files have more than {MOST_BYTES} bytes together; \
+                "line {number}: included files have more than {MAX_BYTES} bytes together; \
                 include each once"
             ));
         }
@@ -164,7 +164,7 @@ fn fetch(name: &str, open: &[PathBuf]) -> ParseResult<(PathBuf, Vec<u8>)> {
     match super::content(&path) {
         Ok(content) => Ok((path, content)),
         Err(e) => Err(format!(
-            ", which cannot be read: {e}; put it beside this file or insert its content here"
+            ", which cannot be read: {e}; put it into the folder of this file or insert its content here"
         )),
     }
 }

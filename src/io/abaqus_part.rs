@@ -1,6 +1,6 @@
 //! Parts of Abaqus input files: nodes, elements and sets with numbers of their own.
 
-use super::abaqus_elements::{MOST_NODES, Shape};
+use super::abaqus_elements::{MAX_NODES_PER_CELL, Shape};
 use super::abaqus_lines::{shown, tag};
 use super::abaqus_sets::{Member, Numbers, Sets};
 use super::cursor::{ParseResult, number};
@@ -133,7 +133,7 @@ impl Part {
         let mut cells = Cells::default();
         let mut corners = self.corners.iter();
         for (shape, element) in &self.elements {
-            let mut cell = [0; MOST_NODES];
+            let mut cell = [0; MAX_NODES_PER_CELL];
             for (place, node) in cell[..shape.nodes].iter_mut().zip(&mut corners) {
                 *place = self.node_tags.get(*node).ok_or_else(|| {
                     let part = match self.name.as_str() {

@@ -14,7 +14,7 @@ use std::path::Path;
 /// Maximum length of a number in characters: the limit of CalculiX.
 const DIGITS: usize = 20;
 /// Maximum length of the name of a set in characters.
-const NAME: usize = 80;
+const MAX_NAME_LENGTH: usize = 80;
 /// Maximum number of entries on a line of a set.
 const COLUMNS: usize = 16;
 
@@ -45,7 +45,7 @@ fn set_names(groups: &Groups) -> Vec<String> {
                 false => '_',
             };
             let name = region.name.as_deref().unwrap_or_default();
-            let mut name: String = name.chars().map(plain).take(NAME / 2).collect();
+            let mut name: String = name.chars().map(plain).take(MAX_NAME_LENGTH / 2).collect();
             if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
                 name = format!("REGION_{name}");
             }

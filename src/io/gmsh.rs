@@ -9,7 +9,7 @@
 use super::cursor::ParseResult;
 use super::gmsh_data::DataSection;
 use super::gmsh_entities::{Entities, physical_name};
-use super::gmsh_kinds::{MOST_NODES, vtk_kind};
+use super::gmsh_kinds::{MAX_NODES_PER_CELL, vtk_kind};
 use super::gmsh_source::Source;
 use super::id_map::{Tags, repeated_numbers};
 use super::metadata::{Metadata, integer_field};
@@ -236,7 +236,7 @@ impl File {
         (kind, width): (u8, usize),
         [physical, geometrical]: [i32; 2],
     ) -> ParseResult<()> {
-        let mut corners = [0; MOST_NODES];
+        let mut corners = [0; MAX_NODES_PER_CELL];
         for (i, corner) in corners[..width].iter_mut().enumerate() {
             let what = format_args!("node {i} of element {tag}");
             let node = if self.version >= V4_1 {

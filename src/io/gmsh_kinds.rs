@@ -1,7 +1,7 @@
 //! Gmsh element types.
 
 /// Number of nodes of the largest element in [`vtk_kind`].
-pub(super) const MOST_NODES: usize = 125;
+pub(super) const MAX_NODES_PER_CELL: usize = 125;
 
 /// Returns the VTK type and the number of nodes of the Gmsh element type `number`. Corners are
 /// first in all of them, in VTK order.

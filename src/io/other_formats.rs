@@ -293,13 +293,13 @@ static OTHERS: [Other; 57] = [
         "voxels without a header",
         &["raw", "zraw"],
         Never,
-        "name the header beside it (.mhd or .nhdr)",
+        "name its header in the same folder (.mhd or .nhdr)",
     ),
     volume(
         "voxels without a header",
         &["img"],
         Never,
-        "its header, the .hdr of the same name, must be beside it",
+        "its header, the .hdr of the same name, must be in the same folder",
     ),
 ];
 

@@ -9,7 +9,7 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 
 /// Smallest volume of a tet, as a share of its polyhedron's.
-const LEAST: f64 = 1e-9;
+const MIN_TET_VOLUME_RATIO: f64 = 1e-9;
 
 /// The tets of a polyhedron.
 pub(super) struct Split {
@@ -36,7 +36,7 @@ pub(super) fn split(corners: &[u32], sizes: &[u32], nodes: &[DVec3]) -> Option<S
     if total < 0.0 {
         triangles.iter_mut().for_each(|t| t.swap(1, 2));
     }
-    let least = LEAST * total.abs();
+    let least = MIN_TET_VOLUME_RATIO * total.abs();
     if least.is_nan() || least <= 0.0 {
         return None;
     }
@@ -60,7 +60,7 @@ pub(super) fn split(corners: &[u32], sizes: &[u32], nodes: &[DVec3]) -> Option<S
     let mean = centre(&triangles, nodes);
     let centre = Some(mean)
         .filter(sees_all)
-        .or_else(|| Some(inmost(&triangles, nodes, mean)).filter(sees_all))?;
+        .or_else(|| Some(deepest_point(&triangles, nodes, mean)).filter(sees_all))?;
     Some(Split {
         tets: joined(number, &triangles),
         centre: Some(centre),
@@ -169,9 +169,9 @@ fn centre(triangles: &[[u32; 3]], nodes: &[DVec3]) -> DVec3 {
     sum / used.len() as f64
 }
 
-/// Returns the point that lies deepest behind the planes of all triangles, as far as it is found
-/// from `start`: in each step it moves away from the nearest plane, by less and less.
-fn inmost(triangles: &[[u32; 3]], nodes: &[DVec3], start: DVec3) -> DVec3 {
+/// Returns the point deepest behind the planes of all triangles, approximately: from `start`, by
+/// steps of decreasing length away from the nearest plane.
+fn deepest_point(triangles: &[[u32; 3]], nodes: &[DVec3], start: DVec3) -> DVec3 {
     const STEPS: u32 = 300;
     let planes: Vec<(DVec3, DVec3)> = triangles
         .iter()

@@ -116,7 +116,7 @@ pub fn write_pieces(
         ];
         let file = format!("{name}_{k:04}.vtu");
         let mesh = &piece.mesh;
-        vtu_write::write_telling(
+        vtu_write::write_with_array(
             &path.with_file_name(&file),
             mesh,
             &mesh.nodes,
@@ -219,7 +219,7 @@ pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, V
     };
     let bytes = super::content(file)?;
     let (raw, whole) =
-        vtu::read_telling(&bytes, WHOLE_MESH_ARRAY).map_err(|e| Error::format(file, e))?;
+        vtu::read_with_array(&bytes, WHOLE_MESH_ARRAY).map_err(|e| Error::format(file, e))?;
     let whole = whole.ok_or_else(foreign)?;
     let mut mesh = raw.into_tets().map_err(|e| Error::format(file, e))?;
     let mut take = |name: &str, location| -> Option<Vec<f64>> {

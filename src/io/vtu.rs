@@ -34,7 +34,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
 }
 
 /// As [`read`]; also returns the bytes stored for the whole mesh under `name`, if any.
-pub(super) fn read_telling(bytes: &[u8], name: &str) -> ParseResult<(RawMesh, Option<Vec<u8>>)> {
+pub(super) fn read_with_array(bytes: &[u8], name: &str) -> ParseResult<(RawMesh, Option<Vec<u8>>)> {
     let outline = Outline::read(bytes, &KINDS)?;
     let byte = |x: &f64| (x.fract() == 0.0 && (0.0..256.0).contains(x)).then_some(*x as u8);
     let values = outline.global_array(name);

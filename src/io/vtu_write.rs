@@ -21,11 +21,11 @@ const BLOCK: usize = 1 << 18;
 /// # Errors
 /// An error for positions or fields of the wrong length, or if the file cannot be written.
 pub(super) fn write(path: &Path, mesh: &TetMesh, nodes: &[DVec3], extra: &[Field]) -> Result<()> {
-    write_telling(path, mesh, nodes, extra, None)
+    write_with_array(path, mesh, nodes, extra, None)
 }
 
 /// As [`write`], with additional bytes stored for the whole mesh under a name.
-pub(super) fn write_telling(
+pub(super) fn write_with_array(
     path: &Path,
     mesh: &TetMesh,
     nodes: &[DVec3],

@@ -24,7 +24,7 @@ const HEAD: usize = 4096;
 /// What 3D Slicer writes in the header or a comment before the name of the frame.
 const TAG: &[u8] = b"SPACE=";
 
-/// What is said of a surface of unknown frame that meets a scan.
+/// Warning for a surface without a stated frame that is combined with a scan.
 const SILENT_AS_LPS: &str = "states no frame of reference and meets a file in RAS: taken as LPS, as \
     3D Slicer does; if its axes are those of the scan, set --frame ras, or frame = \"ras\" in the scene";
 

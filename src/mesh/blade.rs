@@ -119,11 +119,14 @@ impl Blade {
     /// times. The result is symmetric in `a` and `b`, and a polyline crosses a blade larger than
     /// itself with the parity given by its end points.
     pub fn separates(&self, a: DVec3, b: DVec3) -> bool {
-        let met = self.triangles.iter().filter(|t| self.meets(t, a, b));
-        met.count() % 2 == 1
+        let intersected = self
+            .triangles
+            .iter()
+            .filter(|t| self.intersects_segment(t, a, b));
+        intersected.count() % 2 == 1
     }
 
-    fn meets(&self, triangle: &Triangle, a: DVec3, b: DVec3) -> bool {
+    fn intersects_segment(&self, triangle: &Triangle, a: DVec3, b: DVec3) -> bool {
         let apart = a.min(b).cmpgt(triangle.high) | a.max(b).cmplt(triangle.low);
         if apart.any() {
             return false;

@@ -29,21 +29,21 @@ pub(crate) fn group_by_key<T: Copy + Default>(
     (firsts, all)
 }
 
-/// Concatenates the items that `tell` pushes for each group of `items` (see [`group_by_key`]), the
+/// Concatenates the items that `emit` pushes for each group of `items` (see [`group_by_key`]), the
 /// group being sorted.
 pub(crate) fn map_groups<T: Copy + Default + Ord + Sync, B: Send>(
     groups: usize,
     items: impl Iterator<Item = (u32, T)> + Clone,
-    tell: impl Fn(&[T], &mut Vec<B>) + Sync,
+    emit: impl Fn(&[T], &mut Vec<B>) + Sync,
 ) -> Vec<B> {
     let (firsts, items) = group_by_key(groups, items);
-    parallel::collect(groups, |range, told| {
+    parallel::collect(groups, |range, output| {
         let mut own = Vec::new();
         for group in range {
             own.clear();
             own.extend_from_slice(&items[firsts[group] as usize..firsts[group + 1] as usize]);
             own.sort_unstable();
-            tell(&own, told);
+            emit(&own, output);
         }
     })
 }

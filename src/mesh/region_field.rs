@@ -4,7 +4,7 @@ use super::{Field, Location, TetMesh};
 use std::collections::{BTreeMap, HashSet};
 
 /// Maximum number of regions: a field with more values is not a region field.
-const MOST_REGIONS: usize = 128;
+const MAX_REGIONS: usize = 128;
 /// Keywords in the names of region fields, the most reliable first.
 const REGION_KEYWORDS: [&[&str]; 5] = [
     &["label", "labels"],
@@ -97,7 +97,7 @@ impl TetMesh {
                 return false;
             }
             values.insert(*v as i64);
-            if values.len() > MOST_REGIONS {
+            if values.len() > MAX_REGIONS {
                 return false;
             }
         }

@@ -1,18 +1,18 @@
 //! In-place update of sorted lists.
 
-/// Removes the items with the keys `gone` from `list` and inserts `added`; all are sorted by key.
+/// Removes the items with the keys `removed` from `list` and inserts `added`; all are sorted by key.
 /// Unchanged runs are moved as blocks, without inspecting them.
 pub(crate) fn replace_sorted<T: Copy, K: Ord + Copy>(
     list: &mut Vec<T>,
     key: impl Fn(&T) -> K,
-    gone: &[K],
+    removed: &[K],
     added: &[T],
 ) {
     let position = |list: &[T], from: usize, wanted: K| {
         from + list[from..].partition_point(|item| key(item) < wanted)
     };
     let (mut from, mut to) = (0, 0);
-    for wanted in gone {
+    for wanted in removed {
         let at = position(list, from, *wanted);
         if from != to {
             list.copy_within(from..at, to);

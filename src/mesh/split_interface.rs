@@ -66,15 +66,15 @@ impl TetMesh {
             }
         }
         let side = |t: usize| u8::from(is(t, first)) + 2 * u8::from(is(t, second));
-        let mut held = self.held_together(&shared, side);
+        let mut welded = self.welded_nodes(&shared, side);
         let meet = (0..self.nodes.len() as u32).filter(|v| shared[*v as usize] == 3);
-        if meet.clone().all(|v| held.contains(&v)) && self.meet_in_faces(&shared, side) {
+        if meet.clone().all(|v| welded.contains(&v)) && self.meet_in_faces(&shared, side) {
             // The regions are so narrow at the interface that they have no unshared node there.
-            held.clear();
+            welded.clear();
         }
         let mut double = vec![u32::MAX; self.nodes.len()];
         let mut made = Vec::new();
-        let parts = |v: &usize| shared[*v] == 3 && !held.contains(&(*v as u32));
+        let parts = |v: &usize| shared[*v] == 3 && !welded.contains(&(*v as u32));
         for v in (0..self.nodes.len()).filter(parts) {
             double[v] = (self.nodes.len() + made.len()) as u32;
             made.push([double[v], v as u32]);
@@ -136,14 +136,14 @@ impl TetMesh {
     /// Returns the nodes of both sides of a seam (value 3 in `shared`) around which the tets of one
     /// `side` (1 or 2, or neither) are connected to those of the other, but not by faces between
     /// the two.
-    fn held_together(&self, shared: &[u8], side: impl Fn(usize) -> u8) -> BTreeSet<u32> {
+    fn welded_nodes(&self, shared: &[u8], side: impl Fn(usize) -> u8) -> BTreeSet<u32> {
         let mut around: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for (t, tet) in self.tets.iter().enumerate() {
             for v in tet.iter().filter(|v| shared[**v as usize] == 3) {
                 around.entry(*v).or_default().push(t);
             }
         }
-        let mut held = BTreeSet::new();
+        let mut welded = BTreeSet::new();
         for (v, tets) in around {
             let share_face = |a: usize, b: usize| {
                 let common = self.tets[a].iter().filter(|v| self.tets[b].contains(v));
@@ -163,10 +163,10 @@ impl TetMesh {
                 }
             }
             if tets.iter().zip(&reached).any(|(t, r)| *r && side(*t) == 2) {
-                held.insert(v);
+                welded.insert(v);
             }
         }
-        held
+        welded
     }
 
     /// Opens a gap of width `gap` between the two sides of a seam: moves `doubles`, as returned by
@@ -209,30 +209,30 @@ impl TetMesh {
                 }
             }
         }
-        let mut ways: BTreeMap<u32, DVec3> = BTreeMap::new();
+        let mut displacements: BTreeMap<u32, DVec3> = BTreeMap::new();
         for (v, normal) in normals {
             let by = 0.5 * gap * normal.normalize_or_zero();
-            *ways.entry(v).or_default() -= by;
-            *ways.entry(double[&v]).or_default() += by;
+            *displacements.entry(v).or_default() -= by;
+            *displacements.entry(double[&v]).or_default() += by;
         }
         let before = self.nodes.clone();
-        for (v, by) in &ways {
+        for (v, by) in &displacements {
             self.nodes[*v as usize] += *by;
         }
         if !(0..self.tets.len()).all(|t| self.tet_volume(t) > 0.0) {
             self.nodes = before;
             return wrong("adjacent tets would invert; reduce the gap or refine the mesh");
         }
-        self.take_back(&before, ways, &faces);
-        self.join_again(doubles, 1e-3 * gap);
+        self.halve_displacements(&before, displacements, &faces);
+        self.rejoin_nodes(doubles, 1e-3 * gap);
         Ok(())
     }
 
     /// Merges duplicates that are still nearer than `gap` to their originals with these.
-    fn join_again(&mut self, doubles: &[[u32; 2]], gap: f64) {
+    fn rejoin_nodes(&mut self, doubles: &[[u32; 2]], gap: f64) {
         let near = |[v, from]: &&[u32; 2]| {
-            let apart = self.nodes[*v as usize].distance(self.nodes[*from as usize]);
-            apart <= gap
+            let distance = self.nodes[*v as usize].distance(self.nodes[*from as usize]);
+            distance <= gap
         };
         let joined: BTreeMap<u32, u32> =
             doubles.iter().filter(near).map(|[v, w]| (*v, *w)).collect();
@@ -247,9 +247,14 @@ impl TetMesh {
         self.repairs.unused_nodes = known;
     }
 
-    /// Halves the displacements `ways` of nodes repeatedly until none of their edges intersects a
-    /// boundary face.
-    fn take_back(&mut self, before: &[DVec3], mut ways: BTreeMap<u32, DVec3>, faces: &[[u32; 3]]) {
+    /// Halves the displacements `displacements` of nodes repeatedly until none of their edges
+    /// intersects a boundary face.
+    fn halve_displacements(
+        &mut self,
+        before: &[DVec3],
+        mut displacements: BTreeMap<u32, DVec3>,
+        faces: &[[u32; 3]],
+    ) {
         let mut edges: Vec<[u32; 2]> = faces
             .iter()
             .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]])
@@ -268,13 +273,17 @@ impl TetMesh {
                 back.extend(edges[crossing.edge]);
                 back.extend(faces[crossing.face]);
             }
-            back.retain(|v| ways.get(v).is_some_and(|shift| *shift != DVec3::ZERO));
+            back.retain(|v| {
+                displacements
+                    .get(v)
+                    .is_some_and(|shift| *shift != DVec3::ZERO)
+            });
             if back.is_empty() {
                 break;
             }
             for v in back {
                 let part = if round < MAX_GAP_HALVINGS { 0.5 } else { 0.0 };
-                let shift = ways.entry(v).or_default();
+                let shift = displacements.entry(v).or_default();
                 *shift *= part;
                 self.nodes[v as usize] = before[v as usize] + *shift;
             }
@@ -449,11 +458,11 @@ mod tests {
         assert!(mesh.open_interface_gap(&doubles, f64::NAN).is_err());
         mesh.open_interface_gap(&doubles, 0.02).unwrap();
         for [v, from] in &doubles {
-            let apart = mesh.nodes[*v as usize] - mesh.nodes[*from as usize];
+            let distance = mesh.nodes[*v as usize] - mesh.nodes[*from as usize];
             assert!(
-                apart
+                distance
                     .distance(0.02 * DVec3::NEG_X)
-                    .min(apart.distance(0.02 * DVec3::X))
+                    .min(distance.distance(0.02 * DVec3::X))
                     < 1e-12
             );
         }

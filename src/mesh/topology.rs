@@ -18,7 +18,7 @@ pub const NO_NEIGHBOUR: u32 = u32::MAX;
 pub struct BoundaryFace {
     /// The tet it belongs to.
     pub tet: u32,
-    /// Which of its faces: the one opposite this local vertex.
+    /// Local index of the face: that of the opposite vertex.
     pub face: u32,
 }
 
@@ -47,7 +47,7 @@ impl Topology {
             neighbours[b as usize / 4][b as usize % 4] = a;
         }
         Topology {
-            boundary: bare(&neighbours),
+            boundary: faces_without_neighbour(&neighbours),
             neighbours,
         }
     }
@@ -67,7 +67,7 @@ impl Topology {
             }
         }
         Topology {
-            boundary: bare(&neighbours),
+            boundary: faces_without_neighbour(&neighbours),
             neighbours,
         }
     }
@@ -104,7 +104,7 @@ impl Topology {
 }
 
 /// Returns the faces without a neighbour, in the order of their tets.
-fn bare(neighbours: &[[u32; 4]]) -> Vec<BoundaryFace> {
+fn faces_without_neighbour(neighbours: &[[u32; 4]]) -> Vec<BoundaryFace> {
     let of_tet = |(t, across): (usize, &[u32; 4])| {
         let across = *across;
         let faces = (0..4).filter(move |f| across[*f] == NO_NEIGHBOUR);
@@ -126,11 +126,11 @@ pub(super) fn crowded_faces(tets: &[[u32; 4]]) -> usize {
     crowded.len()
 }
 
-/// Concatenates the items that `tell` pushes for each face of `tets`, given once per incident tet:
+/// Concatenates the items that `emit` pushes for each face of `tets`, given once per incident tet:
 /// its nodes in ascending order, and 4 tet + face.
 fn same_faces<B: Send>(
     tets: &[[u32; 4]],
-    tell: impl Fn(&[[u32; 4]], &mut Vec<B>) + Sync,
+    emit: impl Fn(&[[u32; 4]], &mut Vec<B>) + Sync,
 ) -> Vec<B> {
     // Grouped by smallest node: most meshes have fewer nodes than that, and none may be listed.
     let groups = tets.len() / 4 + 1;
@@ -142,9 +142,9 @@ fn same_faces<B: Send>(
             ((a as usize % groups) as u32, [a, b, c, (4 * t + f) as u32])
         })
     });
-    map_groups(groups, faces, |own, told| {
+    map_groups(groups, faces, |own, output| {
         for same in own.chunk_by(|a, b| a[..3] == b[..3]) {
-            tell(same, told);
+            emit(same, output);
         }
     })
 }

@@ -20,7 +20,7 @@ pub struct BarycentricMap {
 /// Tets per cell of the search grid.
 const TETS_A_CELL: f64 = 4.0;
 /// Maximum number of cells along an axis.
-const MOST_CELLS: f64 = 256.0;
+const MAX_CELLS: f64 = 256.0;
 /// Weights down to this count as on a face.
 const ON_FACE: f64 = -1e-9;
 
@@ -141,7 +141,7 @@ impl Grid {
         let side = (extent.to_array().iter().product::<f64>() * TETS_A_CELL
             / mesh.tets.len().max(1) as f64)
             .cbrt();
-        let size = (extent / side).clamp(DVec3::ONE, DVec3::splat(MOST_CELLS));
+        let size = (extent / side).clamp(DVec3::ONE, DVec3::splat(MAX_CELLS));
         let size = size.as_uvec3();
         let mut grid = Grid {
             low,

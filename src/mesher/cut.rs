@@ -187,7 +187,7 @@ fn crossing(
         if f.abs() <= least || high - low < 1e-9 {
             break;
         }
-        // The value at an end retained twice in a row is halved, or it would be retained for good.
+        // Illinois rule: halves the value at an end that was kept twice.
         if f > 0.0 {
             (low, f_low) = (t, f);
             f_high *= if moved_last == Some(true) { 0.5 } else { 1.0 };

@@ -14,7 +14,7 @@ use crate::{Error, Result};
 use glam::DVec3;
 
 /// The corners of the face of a leaf on the upper side of an axis, in cyclic order.
-const AROUND: [[u32; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
+const FACE_CORNERS: [[u32; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
 
 /// The points and tets of an octree.
 pub(super) struct LatticeMesh {
@@ -54,7 +54,7 @@ impl LatticeMesh {
                 "mesh exceeds the range of 32-bit node indices; increase the edge length".into(),
             ));
         }
-        let between = Between {
+        let between = LeafPair {
             tree,
             points: &points,
             own: &own,
@@ -96,14 +96,14 @@ fn point_of(leaf: &Leaf, n: u32) -> Lattice {
 }
 
 /// Data for the tets between leaves.
-struct Between<'a> {
+struct LeafPair<'a> {
     tree: &'a Octree,
     points: &'a [Lattice],
     own: &'a [[u32; 9]],
     index: &'a KeyMap<u64, u32>,
 }
 
-impl Between<'_> {
+impl LeafPair<'_> {
     /// Adds the tets between leaf `l` and its neighbours: those of equal size on the upper sides,
     /// and those of twice the size on all sides.
     fn tets_of(&self, l: u32, tets: &mut Vec<[u32; 4]>) {
@@ -120,13 +120,18 @@ impl Between<'_> {
                         None => continue,
                     },
                 };
-                let face = AROUND.map(|[u, v]| {
+                let face = FACE_CORNERS.map(|[u, v]| {
                     let (second, third) = ((axis + 1) % 3, (axis + 2) % 3);
                     own[(u32::from(upper) << axis | u << second | v << third) as usize]
                 });
                 if let Some(other) = self.tree.find(beside, leaf.level) {
                     if upper {
-                        self.equal(&leaf, face, [own[8], self.own[other as usize][8]], tets);
+                        self.add_equal_leaf_tets(
+                            &leaf,
+                            face,
+                            [own[8], self.own[other as usize][8]],
+                            tets,
+                        );
                     }
                     continue;
                 }
@@ -134,7 +139,7 @@ impl Between<'_> {
                 if let Some(other) = self.tree.find(holder, leaf.level + 1) {
                     let centres = [own[8], self.own[other as usize][8]];
                     // The centre of the large face is not a corner of the large leaf.
-                    let middle = AROUND.iter().position(|[u, v]| {
+                    let middle = FACE_CORNERS.iter().position(|[u, v]| {
                         let steps = [(axis + 1) % 3, (axis + 2) % 3].into_iter().zip([u, v]);
                         steps
                             .into_iter()
@@ -152,7 +157,13 @@ impl Between<'_> {
     }
 
     /// Adds the tets around the line between the centres of two equal leaves.
-    fn equal(&self, leaf: &Leaf, face: [u32; 4], [c, d]: [u32; 2], tets: &mut Vec<[u32; 4]>) {
+    fn add_equal_leaf_tets(
+        &self,
+        leaf: &Leaf,
+        face: [u32; 4],
+        [c, d]: [u32; 2],
+        tets: &mut Vec<[u32; 4]>,
+    ) {
         for n in 0..4 {
             let (a, b) = (face[n], face[(n + 1) % 4]);
             let middle = match leaf.level {

@@ -166,8 +166,8 @@ pub fn mesh_domain(
     progress: ProgressFn,
 ) -> Result<MeshedDomain> {
     check(options)?;
-    let trial = |edge| lay(domain, options, edge, progress);
-    let laid = match options.spacing {
+    let trial = |edge| build_lattice(domain, options, edge, progress);
+    let domain_mesh = match options.spacing {
         Spacing::Edge(edge) => trial(edge)?,
         Spacing::Tets(wanted) => {
             let (low, high) = domain.bounds();
@@ -178,15 +178,15 @@ pub fn mesh_domain(
                 false => (high - low).to_array().iter().product::<f64>() / 3.0,
             };
             let graded = options.grading >= 2.0;
-            find_spacing(wanted, volume, graded, trial, Laid::counts)?
+            find_spacing(wanted, volume, graded, trial, DividedDomain::counts)?
         }
     };
-    let Laid {
+    let DividedDomain {
         lattice,
         mut nodes,
         mut pieces,
         mut report,
-    } = laid;
+    } = domain_mesh;
     report.resolving_edge = domain.resolving_edge();
     let truth = domain.volumes();
     let mut added = Vec::new();
@@ -225,14 +225,14 @@ pub fn mesh_domain(
 }
 
 /// A domain divided into tets, including those outside along its boundary.
-struct Laid {
+struct DividedDomain {
     lattice: LatticeMesh,
     nodes: Vec<DVec3>,
     pieces: Vec<Piece>,
     report: MeshReport,
 }
 
-impl Laid {
+impl DividedDomain {
     /// Returns the number of tets inside, and of all.
     fn counts(&self) -> [usize; 2] {
         let inside = self.pieces.iter().filter(|p| p.1 != 0).count();
@@ -241,12 +241,12 @@ impl Laid {
 }
 
 /// Builds a lattice with that edge over the domain, cuts it and subdivides its tets.
-fn lay(
+fn build_lattice(
     domain: &dyn Domain,
     options: &MeshOptions,
     edge: f64,
     progress: ProgressFn,
-) -> Result<Laid> {
+) -> Result<DividedDomain> {
     let mut report = MeshReport::start(edge);
     let levels = options.grading.log2().floor() as u32;
     let part = ProgressScope::begin(progress, "octree", 0.0)?;
@@ -258,7 +258,7 @@ fn lay(
     let plain = OffsetDomain { domain, added: &[] };
     let (nodes, pieces) = divide(plain, &lattice, progress, &mut report)?;
     report.stage("tets");
-    Ok(Laid {
+    Ok(DividedDomain {
         lattice,
         nodes,
         pieces,

@@ -20,7 +20,7 @@ use std::collections::VecDeque;
 const OUTER_BOUNDARY_WEIGHT: usize = 100;
 
 /// Number of pinches between two checks for cancellation.
-const LOOK: usize = 256;
+const CANCEL_CHECK_INTERVAL: usize = 256;
 
 /// Statistics of the repair of pinches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -52,7 +52,7 @@ pub(super) fn repair_non_manifold(
     let mut looked = 0;
     while let Some(v) = waiting.pop_front() {
         looked += 1;
-        if looked % LOOK == 0 {
+        if looked % CANCEL_CHECK_INTERVAL == 0 {
             watch.check_cancelled()?;
         }
         if let Some((tets, region)) = best_change(v, nodes, &stars, pieces) {

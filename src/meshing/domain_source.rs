@@ -33,12 +33,12 @@ impl Regions {
     /// them may be left.
     pub(super) fn with_voxels(&self, error: Error) -> Error {
         /// Maximum numbers of regions that are named, and of their voxels.
-        const MOST: usize = 10;
-        const MOST_VOXELS: usize = 1000;
-        let few = (1..=MOST).contains(&self.voxels.len());
+        const MAX_LISTED_REGIONS: usize = 10;
+        const MAX_LISTED_VOXELS: usize = 1000;
+        let few = (1..=MAX_LISTED_REGIONS).contains(&self.voxels.len());
         let total: usize = self.voxels.iter().sum();
         match error {
-            Error::Input(what) if few && total <= MOST_VOXELS => {
+            Error::Input(what) if few && total <= MAX_LISTED_VOXELS => {
                 let labels = self.labels.iter().zip(&self.voxels);
                 let named = labels.map(|(label, voxels)| with_count(*label, *voxels));
                 let named: Vec<String> = named.collect();
@@ -80,18 +80,18 @@ fn with_count(label: i64, voxels: usize) -> String {
 /// Returns notes about the regions that smoothing would remove.
 fn thin_notes(domain: &LabelDomain) -> Vec<String> {
     /// Maximum number of regions in the note.
-    const MOST: usize = 10;
+    const MAX_LISTED_REGIONS: usize = 10;
     let thin = domain.thin_regions();
     if thin.is_empty() {
         return Vec::new();
     }
     let named: Vec<String> = thin
         .iter()
-        .take(MOST)
+        .take(MAX_LISTED_REGIONS)
         .map(|(label, voxels)| with_count(*label, *voxels))
         .collect();
-    let more = match thin.len() > MOST {
-        true => format!(" and {} more", thin.len() - MOST),
+    let more = match thin.len() > MAX_LISTED_REGIONS {
+        true => format!(" and {} more", thin.len() - MAX_LISTED_REGIONS),
         false => String::new(),
     };
     vec![format!(
@@ -308,9 +308,13 @@ pub(super) fn common_frame(surfaces: &[TriMesh]) -> Option<AnatomicalFrame> {
 
 /// Rejects a volume without a definition of its regions.
 pub(super) fn check_label_map(file: &Path, volume: &Volume) -> Result<()> {
-    const MOST: usize = 64;
+    const MAX_UNNAMED_LABELS: usize = 64;
     let labels = volume.labels();
-    if labels.as_ref().is_some_and(|l| l.len() <= MOST) || !volume.label_names.is_empty() {
+    if labels
+        .as_ref()
+        .is_some_and(|l| l.len() <= MAX_UNNAMED_LABELS)
+        || !volume.label_names.is_empty()
+    {
         return Ok(());
     }
     let (low, high) = volume.range().unwrap_or((0.0, 0.0));

@@ -162,7 +162,7 @@ impl BodyField {
             lame.fold(0.0, f64::max)
         };
         let members = body.members().iter();
-        // There are members, or a network, or none of both.
+        // There are members, or a network, or neither.
         let networks = members.filter_map(|m| m.simulator.network());
         let stiffness = networks
             .chain(body.network())

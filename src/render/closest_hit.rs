@@ -20,7 +20,7 @@ pub struct Hit {
 pub fn closest_hit(vertices: &[DVec3], triangles: &[[u32; 3]], ray: Ray) -> Option<Hit> {
     let hits = triangles.iter().enumerate().filter_map(|(i, corners)| {
         let corners = corners.map(|v| vertices[v as usize] - ray.origin);
-        let (weights, distance) = meet(corners, ray.direction)?;
+        let (weights, distance) = intersect_ray(corners, ray.direction)?;
         Some(Hit {
             triangle: i,
             weights,
@@ -32,7 +32,7 @@ pub fn closest_hit(vertices: &[DVec3], triangles: &[[u32; 3]], ray: Ray) -> Opti
 
 /// Returns barycentric coordinates and distance of the intersection of a ray from the origin with a
 /// triangle: the volumes spanned by each edge and the direction must have equal signs.
-fn meet([a, b, c]: [DVec3; 3], direction: DVec3) -> Option<([f64; 3], f64)> {
+fn intersect_ray([a, b, c]: [DVec3; 3], direction: DVec3) -> Option<([f64; 3], f64)> {
     let volumes = [(b, c), (c, a), (a, b)].map(|(p, q)| p.cross(q).dot(direction));
     let sum: f64 = volumes.iter().sum();
     let within = volumes.iter().all(|v| v * sum >= 0.0) && sum != 0.0;

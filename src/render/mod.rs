@@ -50,7 +50,7 @@ pub use shadows::{DEFAULT_STRENGTH, node_shadows};
 pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};
 pub use table::{TableKind, TableTexel};
 pub use tet_geometry::{tet_gradient, tet_planes};
-pub use transfer_function::{ResolvedTransfer, TransferFunction};
+pub use transfer_function::{AbsoluteTransferFunction, TransferFunction};
 pub use xray::Xray;
 
 pub(crate) use depth_peeling::{CACHED_SIZES, attachment};

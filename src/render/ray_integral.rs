@@ -6,7 +6,7 @@
 use crate::mesh::{FACES, TetMesh};
 use crate::parallel;
 use crate::render::scan::{Scan, ScanReference};
-use crate::render::{Camera, Ray, ResolvedTransfer};
+use crate::render::{AbsoluteTransferFunction, Camera, Ray};
 use glam::{DVec2, DVec3};
 
 /// Segment of a ray in one tet.
@@ -234,7 +234,7 @@ impl ReferenceRaycaster {
     /// Returns emission and absorption along `ray`: premultiplied colour and opacity.
     ///
     /// I = ∫ c(s(t)) τ(s(t)) exp(−∫₀ᵗ τ) dt and α = 1 − exp(−∫ τ).
-    pub fn composite(&self, ray: Ray, transfer: &ResolvedTransfer) -> [f64; 4] {
+    pub fn composite(&self, ray: Ray, transfer: &AbsoluteTransferFunction) -> [f64; 4] {
         let mut sum = [0.0; 4];
         for segment in self.segments(ray) {
             let [enter, leave] = segment.t;
@@ -253,7 +253,7 @@ impl ReferenceRaycaster {
     pub fn composite_lit(
         &self,
         ray: Ray,
-        transfer: &ResolvedTransfer,
+        transfer: &AbsoluteTransferFunction,
         shade: impl Fn(u32, DVec3, DVec3) -> [f64; 2],
     ) -> [f64; 4] {
         let mut sum = [0.0; 4];
@@ -317,7 +317,7 @@ const QUADRATURE_DEPTH: u32 = 40;
 /// linear, so that the opacity is exact and the colour is a smooth integral (adaptive Gauss
 /// quadrature).
 pub fn segment_integral(
-    transfer: &ResolvedTransfer,
+    transfer: &AbsoluteTransferFunction,
     s_front: f64,
     s_back: f64,
     d: f64,
@@ -356,7 +356,7 @@ struct Piece {
 
 impl Piece {
     /// Creates a piece from the values at u = ¼ and u = ¾.
-    fn through(transfer: &ResolvedTransfer, quarter: f64, rest: f64, length: f64) -> Piece {
+    fn through(transfer: &AbsoluteTransferFunction, quarter: f64, rest: f64, length: f64) -> Piece {
         let line = |a: f64, b: f64| [1.5 * a - 0.5 * b, 2.0 * (b - a)];
         let (a, b) = (transfer.colour(quarter), transfer.colour(rest));
         Piece {
@@ -421,7 +421,7 @@ mod tests {
     use crate::generate;
     use crate::render::TransferFunction;
 
-    fn two_colours() -> ResolvedTransfer {
+    fn two_colours() -> AbsoluteTransferFunction {
         TransferFunction::new(
             vec![
                 [0.0, 1.0, 0.0, 0.2],

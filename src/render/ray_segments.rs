@@ -5,7 +5,7 @@
 //! whole body. Touching segments are merged, so the data exchanged between machines depend on the
 //! number of layers of the body, not on the number of pieces.
 
-use super::{Image, Ray, ReferenceRaycaster, ResolvedTransfer, segment_integral};
+use super::{AbsoluteTransferFunction, Image, Ray, ReferenceRaycaster, segment_integral};
 use crate::{Error, Result};
 
 /// Maximum gap between the end of one segment and the start of the next for merging, in local
@@ -180,7 +180,11 @@ pub type ReferenceSegment = ([f64; 2], [f64; 4]);
 impl ReferenceRaycaster {
     /// Returns the segments of `ray` in the mesh, front to back: float64 reference of
     /// [`Raycaster::intervals`](super::Raycaster::intervals).
-    pub fn intervals(&self, ray: Ray, transfer: &ResolvedTransfer) -> Vec<ReferenceSegment> {
+    pub fn intervals(
+        &self,
+        ray: Ray,
+        transfer: &AbsoluteTransferFunction,
+    ) -> Vec<ReferenceSegment> {
         let mut found: Vec<ReferenceSegment> = Vec::new();
         for segment in self.segments(ray) {
             let [enter, leave] = segment.t;

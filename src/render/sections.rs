@@ -1,7 +1,7 @@
 //! Section planes and isosurfaces, in float64 and for the GPU; reference of
 //! `shaders/lib/sections.wgsl`.
 
-use super::ResolvedTransfer;
+use super::AbsoluteTransferFunction;
 use super::ray_integral::{ReferenceRaycaster, Segment, segment_integral};
 use super::table::TableRow;
 use super::transfer_function::named_colour;
@@ -15,7 +15,7 @@ use std::str::FromStr;
 /// Maximum number of planes of an image, including those of boxes and cut faces.
 const MAX_PLANES: usize = 32;
 /// Maximum number of isosurfaces of an image: each costs one comparison per tet.
-const MOST_ISOSURFACES: usize = 64;
+const MAX_ISOSURFACES: usize = 64;
 /// Number of colour samples of the transfer function; `lib/sections.wgsl` has the same value.
 pub(super) const COLOURS: usize = 1024;
 
@@ -83,8 +83,8 @@ impl Plane {
     }
 
     /// Returns the signed distance of a point beyond the plane, in file units.
-    fn beyond(&self, place: DVec3, rest: DVec3) -> f64 {
-        let there = if self.at_rest { rest } else { place };
+    fn signed_distance(&self, position: DVec3, rest: DVec3) -> f64 {
+        let there = if self.at_rest { rest } else { position };
         self.normal.normalize_or_zero().dot(there - self.point)
     }
 }
@@ -252,9 +252,9 @@ impl Sections {
     /// # Errors
     /// [`Error::Input`] for invalid numbers, or too many planes or isosurfaces.
     pub fn check(&self) -> Result<()> {
-        if self.planes.len() > MAX_PLANES || self.isosurfaces.len() > MOST_ISOSURFACES {
+        if self.planes.len() > MAX_PLANES || self.isosurfaces.len() > MAX_ISOSURFACES {
             return Err(Error::Input(format!(
-                "an image can have at most {MAX_PLANES} planes and {MOST_ISOSURFACES} isosurfaces, got {} and {}",
+                "an image can have at most {MAX_PLANES} planes and {MAX_ISOSURFACES} isosurfaces, got {} and {}",
                 self.planes.len(),
                 self.isosurfaces.len()
             )));
@@ -264,8 +264,9 @@ impl Sections {
     }
 
     /// Whether a point, with rest position `rest`, is clipped.
-    pub(super) fn is_clipped(&self, place: DVec3, rest: DVec3) -> bool {
-        self.clips().any(|plane| plane.beyond(place, rest) > 0.0)
+    pub(super) fn is_clipped(&self, position: DVec3, rest: DVec3) -> bool {
+        self.clips()
+            .any(|plane| plane.signed_distance(position, rest) > 0.0)
     }
 
     /// Returns the numbers of clip planes, slices and isosurfaces.
@@ -305,10 +306,10 @@ impl Sections {
 
     /// Returns the unclipped part of a segment, from 0 at its front to 1; `ends` are the positions
     /// of its ends in space and at rest.
-    fn kept(&self, ends: [[DVec3; 2]; 2]) -> Option<[f64; 2]> {
+    fn unclipped_range(&self, ends: [[DVec3; 2]; 2]) -> Option<[f64; 2]> {
         let mut range = [0.0f64, 1.0];
         for plane in self.clips() {
-            let [front, back] = ends.map(|[place, rest]| plane.beyond(place, rest));
+            let [front, back] = ends.map(|[position, rest]| plane.signed_distance(position, rest));
             match (front > 0.0, back > 0.0) {
                 (true, true) => return None,
                 (true, false) => range[0] = range[0].max(front / (front - back)),
@@ -320,9 +321,14 @@ impl Sections {
     }
 
     /// Returns the surfaces in a part of a segment, front to back.
-    fn met(&self, s: [f64; 2], ends: [[DVec3; 2]; 2], within: [f64; 2]) -> Vec<(f64, SurfaceHit)> {
+    fn surface_hits(
+        &self,
+        s: [f64; 2],
+        ends: [[DVec3; 2]; 2],
+        within: [f64; 2],
+    ) -> Vec<(f64, SurfaceHit)> {
         let mut found = Vec::new();
-        let mut take = |[front, back]: [f64; 2], surface: SurfaceHit| {
+        let mut push_if_crossed = |[front, back]: [f64; 2], surface: SurfaceHit| {
             if (front < 0.0) != (back < 0.0) {
                 let u = front / (front - back);
                 if (within[0]..=within[1]).contains(&u) {
@@ -331,11 +337,11 @@ impl Sections {
             }
         };
         for (plane, opacity) in self.slices() {
-            let beyond = ends.map(|[place, rest]| plane.beyond(place, rest));
-            take(beyond, SurfaceHit::Slice(opacity));
+            let distances = ends.map(|[position, rest]| plane.signed_distance(position, rest));
+            push_if_crossed(distances, SurfaceHit::Slice(opacity));
         }
         for iso in &self.isosurfaces {
-            take(s.map(|s| s - iso.value), SurfaceHit::Iso(*iso));
+            push_if_crossed(s.map(|s| s - iso.value), SurfaceHit::Iso(*iso));
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         found
@@ -358,13 +364,13 @@ impl ReferenceRaycaster {
     pub fn composite_sections<'a>(
         &self,
         ray: Ray,
-        transfer: &dyn Fn(u32) -> Option<&'a ResolvedTransfer>,
+        transfer: &dyn Fn(u32) -> Option<&'a AbsoluteTransferFunction>,
         inside: &Sections,
         rest: &dyn Fn(u32, [f64; 4]) -> DVec3,
         light: Option<&Lighting>,
     ) -> [f64; 4] {
         let way = ray.direction.normalize_or_zero();
-        let place = |t: f64| ray.origin + ray.direction * t;
+        let position = |t: f64| ray.origin + ray.direction * t;
         let mut sum = [0.0; 4];
         let mut add = |colour: [f64; 3], alpha: f64| {
             let clear = 1.0 - sum[3];
@@ -378,10 +384,10 @@ impl ReferenceRaycaster {
                 continue;
             };
             let ends = t.map(|t| {
-                let p = place(t);
+                let p = position(t);
                 [p, rest(tet, self.barycentric_weights(tet, p))]
             });
-            let Some(range) = inside.kept(ends) else {
+            let Some(range) = inside.unclipped_range(ends) else {
                 continue;
             };
             let at = |u: f64, pair: [f64; 2]| pair[0] + u * (pair[1] - pair[0]);
@@ -391,12 +397,12 @@ impl ReferenceRaycaster {
                 }
                 let length = at(to, t) - at(from, t);
                 let [r, g, b, a] = segment_integral(transfer, at(from, s), at(to, s), length);
-                let middle = place(at(0.5 * (from + to), t));
+                let middle = position(at(0.5 * (from + to), t));
                 let [factor, shine] = light.map_or([1.0, 0.0], |l| (l.volume)(tet, middle, way));
                 add([r, g, b].map(|c| factor * c + shine * a), a);
             };
             let mut from = range[0];
-            for (u, surface) in inside.met(s, ends, range) {
+            for (u, surface) in inside.surface_hits(s, ends, range) {
                 volume(from, u, &mut add);
                 from = u;
                 let (colour, opacity) = match surface {
@@ -404,7 +410,7 @@ impl ReferenceRaycaster {
                     SurfaceHit::Iso(iso) => {
                         let own = iso.colour.unwrap_or_else(|| transfer.colour(iso.value));
                         let [factor, shine] =
-                            light.map_or([1.0, 0.0], |l| (l.surface)(tet, place(at(u, t)), way));
+                            light.map_or([1.0, 0.0], |l| (l.surface)(tet, position(at(u, t)), way));
                         (own.map(|c| (factor * c + shine).min(1.0)), iso.opacity)
                     }
                 };

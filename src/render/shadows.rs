@@ -21,7 +21,7 @@ const CELLS: [u32; 2] = [4096, 65_536];
 /// Sample points in each tet if there are as many cells as tets.
 const POINTS: u32 = 12;
 /// Maximum number of sample points in a large tet.
-const MOST_POINTS: f64 = 1024.0;
+const MAX_GRID_POINTS: f64 = 1024.0;
 /// Number of directions for ambient occlusion and for the cone of a directional light.
 const AO_DIRECTIONS: u32 = 16;
 const SHADOW_DIRECTIONS: u32 = 6;
@@ -183,7 +183,7 @@ pub fn node_shadows(
         let r = tet.map(|v| rest[v as usize]);
         let cells_wide = crate::mesh::signed_volume(p).abs() / grid.cell.powi(3);
         // Tets larger than a cell get proportionally more sample points.
-        let own = (f64::from(points) * cells_wide).min(MOST_POINTS).ceil() as u32;
+        let own = (f64::from(points) * cells_wide).min(MAX_GRID_POINTS).ceil() as u32;
         let own = own.max(points);
         let share = cells_wide / f64::from(own);
         // Vary the points between tets: equal points would alias with the cells.

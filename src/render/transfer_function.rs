@@ -19,7 +19,7 @@ pub struct TransferFunction {
 
 /// A [`TransferFunction`] in absolute units, for one field of one mesh.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ResolvedTransfer {
+pub struct AbsoluteTransferFunction {
     colour: Vec<[f64; 4]>,
     extinction: Vec<[f64; 2]>,
 }
@@ -92,7 +92,7 @@ impl TransferFunction {
 
     /// Converts to absolute units for a field with values in `range` on a mesh of extent `size`
     /// (longest side of its bounds, in file units).
-    pub fn to_absolute(&self, range: (f64, f64), size: f64) -> ResolvedTransfer {
+    pub fn to_absolute(&self, range: (f64, f64), size: f64) -> AbsoluteTransferFunction {
         let (mut colour, mut extinction) = (self.colour.clone(), self.extinction.clone());
         if self.relative {
             let scalar = |s: f64| range.0 + s * (range.1 - range.0);
@@ -101,7 +101,7 @@ impl TransferFunction {
                 *node = [scalar(node[0]), node[1] / size.max(f64::MIN_POSITIVE)];
             }
         }
-        ResolvedTransfer { colour, extinction }
+        AbsoluteTransferFunction { colour, extinction }
     }
 
     /// Returns the same colours with every extinction multiplied by `factor`.
@@ -141,10 +141,10 @@ pub(crate) fn named_colour(name: &str) -> Result<[f64; 3]> {
     Ok([r, g, b].map(f64::from))
 }
 
-impl ResolvedTransfer {
+impl AbsoluteTransferFunction {
     /// Creates a white transfer function of constant extinction.
-    pub(super) fn constant(extinction: f64) -> ResolvedTransfer {
-        ResolvedTransfer {
+    pub(super) fn constant(extinction: f64) -> AbsoluteTransferFunction {
+        AbsoluteTransferFunction {
             colour: vec![[0.0, 1.0, 1.0, 1.0]],
             extinction: vec![[0.0, extinction]],
         }

@@ -56,7 +56,7 @@ pub(crate) mod gpu_data {
 pub(crate) use gpu_data::View;
 
 /// Near plane distance of a perspective camera, in local units.
-const NEAR: f64 = 1e-5;
+const NEAR_PLANE: f64 = 1e-5;
 /// Offset of rays from the pixel centre, in pixels and at most in local units: a view along an axis
 /// of a regular mesh would otherwise send many rays exactly through nodes and edges, where sign
 /// tests are undecided.
@@ -103,7 +103,7 @@ impl CameraTransform {
         let offset = plane * corner + DVec2::new(-1.0, 1.0) * half;
         let line = DVec4::new(plane.x, plane.y, offset.x, offset.y);
         let across = match camera.projection {
-            Projection::Perspective { .. } => distance.abs().max(NEAR),
+            Projection::Perspective { .. } => distance.abs().max(NEAR_PLANE),
             Projection::Orthographic { .. } => 1.0,
         };
         let aside = (PIXEL_OFFSET[0] * plane.x).min(PIXEL_OFFSET[1] / across);
@@ -126,8 +126,8 @@ impl CameraTransform {
             Projection::Perspective { .. } => (
                 line,
                 line * distance,
-                DVec4::new(0.0, NEAR, 1.0, distance),
-                NEAR,
+                DVec4::new(0.0, NEAR_PLANE, 1.0, distance),
+                NEAR_PLANE,
             ),
             Projection::Orthographic { .. } => {
                 let near = (distance - FAR_DISTANCE).max(0.0);

@@ -166,12 +166,12 @@ impl Stage {
         let colours = match self.looks.mode {
             DisplayMode::Inside(Mode::Composite) => BarColours::Transfer {
                 transfer,
-                way: Some(STRIP_DEPTH * frame.scale),
+                path_length: Some(STRIP_DEPTH * frame.scale),
             },
             DisplayMode::Inside(_) => BarColours::Grey,
             DisplayMode::Surface | DisplayMode::Skin => BarColours::Transfer {
                 transfer,
-                way: None,
+                path_length: None,
             },
         };
         let computed = self.looks.computed_field.as_ref().map(|shown| shown.field);

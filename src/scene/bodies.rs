@@ -40,12 +40,12 @@ impl Scene {
     pub(super) fn body_sources(&self) -> Result<Vec<BodySource>> {
         if self.mesh != MeshSource::default() || self.grid.is_some() || self.cage.is_some() {
             return Err(Error::Input(
-                "[mesh], [grid] and [cage] are not allowed beside [[body]] entries; move them into each [[body]]".into(),
+                "[mesh], [grid] and [cage] are not allowed together with [[body]] entries; move them into each [[body]]".into(),
             ));
         }
         if !(self.pin.is_empty() && self.force.is_empty()) {
             return Err(Error::Input(
-                "[[pin]] and [[force]] are not allowed beside [[body]] entries; use [[body.pin]] and [[body.force]]".into(),
+                "[[pin]] and [[force]] are not allowed together with [[body]] entries; use [[body.pin]] and [[body.force]]".into(),
             ));
         }
         if let Some(entry) = self.tets_only_entry() {

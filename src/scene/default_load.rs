@@ -24,9 +24,9 @@ const STEPS_A_SWING: u32 = 20;
 /// Ratio of the framed to the predicted displacement, and the rebound beyond the rest position,
 /// over the predicted displacement.
 const FRAMING_MARGIN: f64 = 1.3;
-const RECOIL: f64 = 0.15;
+const RECOIL_MARGIN: f64 = 0.15;
 /// Static displacement, over the diagonal, above which a body is treated as a pendulum.
-const FAR: f64 = 0.5;
+const PENDULUM_DISPLACEMENT_RATIO: f64 = 0.5;
 
 /// Load, time step and motion envelope of a run.
 pub(super) struct DefaultLoad {
@@ -56,7 +56,7 @@ struct LoadResponse {
 
 /// Displacement during a run, over the static displacement.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Course {
+struct OscillatorResponse {
     peak: f64,
     end: f64,
 }
@@ -73,12 +73,13 @@ impl LoadResponse {
             diagonal: (high - low).length(),
             damping_time: network.damping_time,
         };
-        let most = response.most();
-        (most > 0.0 && most.is_finite() && rate > 0.0 && rate.is_finite()).then_some(response)
+        let max_displacement = response.max_displacement();
+        (max_displacement > 0.0 && max_displacement.is_finite() && rate > 0.0 && rate.is_finite())
+            .then_some(response)
     }
 
     /// Returns the largest nodal displacement, m.
-    fn most(&self) -> f64 {
+    fn max_displacement(&self) -> f64 {
         self.given.iter().map(|u| u.length()).fold(0.0, f64::max)
     }
 
@@ -89,7 +90,7 @@ impl LoadResponse {
     }
 
     /// Simulates the lowest mode as a single oscillator with the solver's scheme.
-    fn course(&self, kind: SolverKind, steps: u32, dt: f64) -> Course {
+    fn simulate_oscillator(&self, kind: SolverKind, steps: u32, dt: f64) -> OscillatorResponse {
         let stiffness = self.rate * self.rate;
         let damping = self.damping_time * stiffness;
         let (mut x, mut v, mut peak) = (0.0f64, 0.0, 0.0f64);
@@ -112,17 +113,17 @@ impl LoadResponse {
             x += dt * v;
             peak = peak.max(x);
         }
-        Course { peak, end: x }
+        OscillatorResponse { peak, end: x }
     }
 
     /// Returns the load factor for which the body deflects by about a tenth of its size in the run.
     pub fn factor(&self, kind: SolverKind, steps: u32, dt: f64) -> f64 {
-        let size = self.diagonal / self.most();
-        let course = self.course(kind, steps, dt);
-        let mut factor = TARGET_SAG * size / course.peak;
-        if course.end > 0.0 && factor * course.end < MIN_DISPLACEMENT * size {
-            factor =
-                (MIN_DISPLACEMENT * size / course.end).min(MAX_DISPLACEMENT * size / course.peak);
+        let size = self.diagonal / self.max_displacement();
+        let response = self.simulate_oscillator(kind, steps, dt);
+        let mut factor = TARGET_SAG * size / response.peak;
+        if response.end > 0.0 && factor * response.end < MIN_DISPLACEMENT * size {
+            factor = (MIN_DISPLACEMENT * size / response.end)
+                .min(MAX_DISPLACEMENT * size / response.peak);
         }
         match factor.is_finite() && factor > 0.0 {
             true => factor.min(MAX_LOAD_FACTOR * TARGET_SAG * size),
@@ -140,12 +141,12 @@ impl LoadResponse {
         factor: f64,
         (kind, steps, dt): (SolverKind, u32, f64),
     ) -> Vec<DVec3> {
-        let far = factor * self.course(kind, steps, dt).peak;
+        let far = factor * self.simulate_oscillator(kind, steps, dt).peak;
         let mut points = network.rest_positions.clone();
         let moving = network.rest_positions.iter().zip(&self.given);
-        if far * self.most() <= FAR * self.diagonal {
+        if far * self.max_displacement() <= PENDULUM_DISPLACEMENT_RATIO * self.diagonal {
             points.extend(moving.clone().map(|(x, u)| *x + FRAMING_MARGIN * far * *u));
-            points.extend(moving.map(|(x, u)| *x - RECOIL * far * *u));
+            points.extend(moving.map(|(x, u)| *x - RECOIL_MARGIN * far * *u));
             return points;
         }
         let held: Vec<DVec3> = network
@@ -345,7 +346,7 @@ mod tests {
             let load = weight(&network, DVec3::NEG_Z);
             let response = LoadResponse::new(&network, &pinned, &load).unwrap();
             let dt = response.step(50, 0.0);
-            let swing = response.course(SolverKind::Implicit, 50, dt);
+            let swing = response.simulate_oscillator(SolverKind::Implicit, 50, dt);
             assert!(
                 swing.peak > 1.0 && swing.end > 0.9 * swing.peak,
                 "{swing:?}"

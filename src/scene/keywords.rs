@@ -90,13 +90,13 @@ pub(super) fn light<'de, D: Deserializer<'de>>(from: D) -> Entry<Light, D::Error
         untagged,
         expecting = "light must be \"head\", \"none\", or a direction [x, y, z] towards it"
     )]
-    enum Said {
+    enum LightValue {
         Word(String),
         Direction([f64; 3]),
     }
-    let light = match Said::deserialize(from)? {
-        Said::Word(word) => word.parse(),
-        Said::Direction([x, y, z]) => format!("{x},{y},{z}").parse(),
+    let light = match LightValue::deserialize(from)? {
+        LightValue::Word(word) => word.parse(),
+        LightValue::Direction([x, y, z]) => format!("{x},{y},{z}").parse(),
     };
     light.map(Some).map_err(D::Error::custom)
 }
@@ -108,13 +108,13 @@ pub(super) fn axes<'de, D: Deserializer<'de>>(from: D) -> Entry<Axes, D::Error> 
         untagged,
         expecting = "axes must be true, false, \"xyz\" or \"anatomical\""
     )]
-    enum Said {
+    enum AxesValue {
         Drawn(bool),
         Word(String),
     }
-    match Said::deserialize(from)? {
-        Said::Drawn(drawn) => Ok(drawn.then_some(Axes::Xyz)),
-        Said::Word(word) => match word.as_str() {
+    match AxesValue::deserialize(from)? {
+        AxesValue::Drawn(drawn) => Ok(drawn.then_some(Axes::Xyz)),
+        AxesValue::Word(word) => match word.as_str() {
             "xyz" => Ok(Some(Axes::Xyz)),
             "anatomical" => Ok(Some(Axes::Anatomical)),
             other => Err(D::Error::custom(unknown_keyword_error(

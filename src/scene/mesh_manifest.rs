@@ -53,7 +53,8 @@ struct WholeField {
 struct WholeRegions {
     labels: Vec<i64>,
     /// Mean chord length of rays through each region.
-    ways: Vec<f64>,
+    #[serde(rename = "ways")]
+    chord_lengths: Vec<f64>,
     /// Statistics of the region indices, in that order.
     measures: TableStatistics,
     colour: Vec<[f64; 4]>,
@@ -247,12 +248,12 @@ impl MeshManifest {
         let regions = seen.regions.as_ref()?;
         let field = mesh.field(&seen.stored, Location::Cell)?;
         let labels = field.values.iter().map(|v| *v as i64).collect();
-        let ways = regions
+        let chord_lengths = regions
             .labels
             .iter()
             .copied()
-            .zip(regions.ways.iter().copied());
-        Some((labels, ways.collect()))
+            .zip(regions.chord_lengths.iter().copied());
+        Some((labels, chord_lengths.collect()))
     }
 }
 
@@ -265,15 +266,15 @@ impl WholeRegions {
         seen: &ScalarField,
     ) -> Result<WholeRegions> {
         let labels: Vec<i64> = field.values.iter().map(|v| *v as i64).collect();
-        let ways = mean_chords(mesh, topology, &labels);
+        let chord_lengths = mean_chords(mesh, topology, &labels);
         let transfer = seen.transfer.as_ref().ok_or_else(|| {
             Error::Input(format!("the regions of \"{}\" have no colours", field.name))
         })?;
         // Extinctions are absolute already, so the length does not matter.
         let transfer = transfer.to_absolute(seen.range, 1.0);
         Ok(WholeRegions {
-            labels: ways.keys().copied().collect(),
-            ways: ways.into_values().collect(),
+            labels: chord_lengths.keys().copied().collect(),
+            chord_lengths: chord_lengths.into_values().collect(),
             measures: TableStatistics::new(mesh, seen.scalars()),
             colour: transfer.colour_nodes().to_vec(),
             extinction: transfer.extinction_nodes().to_vec(),

@@ -20,7 +20,7 @@ pub(super) const DEFAULT_PRESET: &str = "tissue";
 /// A body whose mean chord is below this fraction of its extent is thin.
 const THICK_CHORD_RATIO: f64 = 0.1;
 /// Largest number of tetrahedra of a generator.
-const MOST_TETS: usize = 20_000_000;
+const MAX_TETS: usize = 20_000_000;
 
 impl MeshSource {
     /// Reads or generates the mesh.
@@ -41,8 +41,8 @@ impl MeshSource {
         self.load_beside(&|| false, progress)
     }
 
-    /// As [`MeshSource::load_with_progress`]; `meets_scan` is whether the mesh meets files of a known
-    /// frame of reference.
+    /// As [`MeshSource::load_with_progress`]; `meets_scan` is whether the mesh is combined with
+    /// files of a known frame of reference.
     fn load_beside(&self, meets_scan: &dyn Fn() -> bool, progress: ProgressFn) -> Result<TetMesh> {
         let mut mesh = self.welded(meets_scan, progress)?;
         if !self.join.is_empty() {
@@ -101,8 +101,8 @@ impl MeshSource {
             }
             (Some(_), None) => self.made(meets_scan(), progress),
             (None, Some(name)) => match self.tets {
-                Some(tets) if !(1..=MOST_TETS).contains(&tets) => Err(Error::Input(format!(
-                    "tets must be in [1, {MOST_TETS}], got {tets}"
+                Some(tets) if !(1..=MAX_TETS).contains(&tets) => Err(Error::Input(format!(
+                    "tets must be in [1, {MAX_TETS}], got {tets}"
                 ))),
                 tets => generate::by_name_with_progress(name, tets, lump, progress),
             },

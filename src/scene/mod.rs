@@ -4,7 +4,7 @@
 //!
 //! ```toml
 //! [mesh]
-//! file = "liver.vtu"      # beside the scene file; or generate = "limb", tets = 100000
+//! file = "liver.vtu"      # in the folder of the scene file; or generate = "limb", tets = 100000
 //! unit = "mm"             # length unit of the mesh, needed for physics
 //!
 //! [material]
@@ -174,7 +174,7 @@ pub struct Scene {
     /// The picture.
     #[serde(default)]
     pub picture: PictureEntry,
-    /// Files written beside the pictures.
+    /// Files written in addition to the pictures.
     #[serde(default)]
     pub output: OutputEntry,
     /// Notes of old keys in the scene file.

@@ -199,7 +199,7 @@ impl Motion {
 
     /// Returns the number of steps skipped while the body slept.
     pub fn steps_slept(&self) -> u64 {
-        self.sleep.slept.0
+        self.sleep.skipped.0
     }
 
     /// Wakes the body: needed after changes that it does not count, such as forces written on the
@@ -215,9 +215,9 @@ impl Motion {
 
     /// Sets whether the body may fall asleep.
     pub fn set_sleep_allowed(&mut self, allowed: bool) {
-        let slept = self.sleep.slept;
+        let skipped = self.sleep.skipped;
         self.sleep = Sleep::new(allowed);
-        self.sleep.slept = slept;
+        self.sleep.skipped = skipped;
     }
 
     /// Returns the report of the cage, if the mesh is embedded in one.
@@ -298,7 +298,7 @@ impl Motion {
 
     /// Returns the simulated time, s.
     pub fn time(&self) -> f64 {
-        self.progress.map_or(0.0, |p| p.time) + self.sleep.slept.1
+        self.progress.map_or(0.0, |p| p.time) + self.sleep.skipped.1
     }
 
     /// Returns the kind of solver.

@@ -12,7 +12,7 @@ use crate::{Error, Result};
 use std::path::Path;
 
 /// Writes `mesh` as `count` pieces, partitioned along a k-d tree: the index at `path` (.pvtu) and
-/// one .vtu file per piece beside it, with ghost cells and the global data.
+/// one .vtu file per piece in its folder, with ghost cells and the global data.
 ///
 /// # Errors
 /// [`Error::Input`] for another file extension or an invalid number of pieces, [`Error::Mesh`] for

@@ -163,10 +163,10 @@ impl Stage {
             .map(|pin| (pin.name.clone(), forces.reaction_on_pins(&pin.nodes)))
             .collect();
         let unit = body.loads().frame_and_unit().1;
-        for mover in &motion.time_dependent_loads.movers {
-            let nodes = mover.accelerations(time, motion.dt);
+        for scheduled_motion in &motion.time_dependent_loads.scheduled_motions {
+            let nodes = scheduled_motion.accelerations(time, motion.dt);
             let reaction = forces.reaction_on_motion(nodes.map(|(v, a)| (v, unit * a)));
-            all.push((mover.name.clone(), reaction));
+            all.push((scheduled_motion.name.clone(), reaction));
         }
         for (i, attachment) in motion.attachments.iter().enumerate() {
             let name = attachment.name().map(str::to_owned);

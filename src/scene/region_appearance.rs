@@ -25,8 +25,8 @@ impl Scene {
         }
         let regions = mesh.region_field().map(|field| {
             let labels: Vec<i64> = field.values.iter().map(|v| *v as i64).collect();
-            let ways = mean_chords(mesh, topology, &labels);
-            (labels, ways)
+            let chord_lengths = mean_chords(mesh, topology, &labels);
+            (labels, chord_lengths)
         });
         let extent = LocalFrame::from_mesh(mesh).scale;
         let looks = self.region_appearances(mesh, regions, extent, transfer)?;
@@ -44,7 +44,7 @@ impl Scene {
         transfer: &TransferFunction,
     ) -> Result<RegionAppearance> {
         let (entries, hide) = (&self.picture.region, &self.picture.hide);
-        let Some((labels, ways)) = regions else {
+        let Some((labels, chord_lengths)) = regions else {
             return Err(Error::Input(
                 "[picture.region] and hide (--hide) require regions, but the mesh has no cell field of integer region labels".into(),
             ));
@@ -52,17 +52,17 @@ impl Scene {
         let mut transfers = vec![transfer.clone()];
         let mut looks: BTreeMap<i64, Option<u32>> = BTreeMap::new();
         for name in hide {
-            looks.insert(label(mesh, &ways, name)?.0, None);
+            looks.insert(label(mesh, &chord_lengths, name)?.0, None);
         }
         for (name, entry) in entries {
-            let (label, way) = label(mesh, &ways, name)?;
+            let (label, chord_length) = label(mesh, &chord_lengths, name)?;
             if looks.contains_key(&label) {
                 continue;
             }
             let own = match entry.hidden {
                 true => None,
                 false => {
-                    let own = entry.made(self, transfer, (way, extent));
+                    let own = entry.made(self, transfer, (chord_length, extent));
                     let named = |e| Error::Input(format!("[picture.region.{name}]: {e}"));
                     transfers.push(own.map_err(named)?);
                     Some(transfers.len() as u32 - 1)
@@ -84,7 +84,7 @@ impl RegionAppearanceEntry {
         &self,
         scene: &Scene,
         own: &TransferFunction,
-        (way, extent): (f64, f64),
+        (chord_length, extent): (f64, f64),
     ) -> Result<TransferFunction> {
         let mut shown = match &self.transfer {
             Some(named) => scene.named_transfer(named)?,
@@ -105,9 +105,9 @@ impl RegionAppearanceEntry {
                 "opacity (over the mean chord length of the region) must be in [0, 1], got {opacity}"
             )));
         }
-        let way = way.max(f64::MIN_POSITIVE);
+        let chord_length = chord_length.max(f64::MIN_POSITIVE);
         Ok(shown.with_constant_extinction(
-            (1.0 - opacity).max(MIN_TRANSMITTANCE).ln().abs() / way,
+            (1.0 - opacity).max(MIN_TRANSMITTANCE).ln().abs() / chord_length,
             extent,
         ))
     }
@@ -115,10 +115,10 @@ impl RegionAppearanceEntry {
 
 /// Returns the label of a region given by name or label, and its mean chord length; an error if it
 /// has no tetrahedra.
-fn label(mesh: &TetMesh, ways: &BTreeMap<i64, f64>, name: &str) -> Result<(i64, f64)> {
+fn label(mesh: &TetMesh, chord_lengths: &BTreeMap<i64, f64>, name: &str) -> Result<(i64, f64)> {
     let label = mesh.region_label(name)?;
-    match ways.get(&label) {
-        Some(way) => Ok((label, *way)),
+    match chord_lengths.get(&label) {
+        Some(chord_length) => Ok((label, *chord_length)),
         None => Err(Error::Input(format!(
             "region {name} has no tets; list the regions with `palpate info`"
         ))),
@@ -144,8 +144,9 @@ pub(super) fn mean_chords(
             *surface += 0.5 * (b - a).cross(c - a).length();
         }
     }
-    let way = |[volume, surface]: [f64; 2]| 4.0 * volume / f64::max(surface, f64::MIN_POSITIVE);
+    let chord_length =
+        |[volume, surface]: [f64; 2]| 4.0 * volume / f64::max(surface, f64::MIN_POSITIVE);
     sums.into_iter()
-        .map(|(label, sums)| (label, way(sums)))
+        .map(|(label, sums)| (label, chord_length(sums)))
         .collect()
 }

@@ -217,7 +217,7 @@ impl ScanEntry {
                 )));
             }
         }
-        let ways = mean_ways(volume, labels);
+        let chord_lengths = mean_chord_lengths(volume, labels);
         let mut looks = BTreeMap::new();
         let shown = labels.keys().filter(|label| **label != 0);
         for (i, label) in shown.enumerate() {
@@ -238,8 +238,8 @@ impl ScanEntry {
                     "opacity of label {label} (over its mean chord length) must be in [0, 1], got {opacity}"
                 )));
             }
-            let way = ways.get(label).copied().unwrap_or(1.0) * units_per_mm;
-            let extinction = (1.0 - opacity).max(CLEAR).ln().abs() / way;
+            let chord_length = chord_lengths.get(label).copied().unwrap_or(1.0) * units_per_mm;
+            let extinction = (1.0 - opacity).max(CLEAR).ln().abs() / chord_length;
             looks.insert(*label, LabelAppearance { colour, extinction });
         }
         Ok(looks)
@@ -247,7 +247,7 @@ impl ScanEntry {
 }
 
 /// Returns the mean chord length of rays through each label, mm: 4V/S (Cauchy).
-fn mean_ways(volume: &Volume, labels: &BTreeMap<i64, usize>) -> BTreeMap<i64, f64> {
+fn mean_chord_lengths(volume: &Volume, labels: &BTreeMap<i64, usize>) -> BTreeMap<i64, f64> {
     let axes = volume.to_world.matrix3;
     let (x, y, z) = (axes.x_axis, axes.y_axis, axes.z_axis);
     let areas = [y.cross(z), z.cross(x), x.cross(y)].map(|a| a.length());
@@ -278,10 +278,13 @@ fn mean_ways(volume: &Volume, labels: &BTreeMap<i64, usize>) -> BTreeMap<i64, f6
         }
         sums[here] = [sums[here][0] + voxel, sums[here][1] + bare];
     }
-    let way = |[volume, surface]: [f64; 2]| {
+    let chord_length = |[volume, surface]: [f64; 2]| {
         4.0 * volume * VOXEL_SURFACE_RATIO / surface.max(f64::MIN_POSITIVE)
     };
-    own.iter().copied().zip(sums.into_iter().map(way)).collect()
+    own.iter()
+        .copied()
+        .zip(sums.into_iter().map(chord_length))
+        .collect()
 }
 
 /// Returns the legend field of values.

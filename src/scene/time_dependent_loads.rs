@@ -15,7 +15,7 @@ const MIN_FACING_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// The time-dependent loads of a scene.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TimeDependentLoads {
-    pub movers: Vec<ScheduledMotion>,
+    pub scheduled_motions: Vec<ScheduledMotion>,
     pub tools: Vec<ToolTrajectory>,
     levels: Vec<(AmplitudeId, TimeSeries)>,
 }
@@ -28,7 +28,7 @@ pub(super) struct ScheduledMotion {
     pub nodes: Vec<u32>,
     id: PrescribedMotionId,
     rest: Vec<DVec3>,
-    way: RigidTrajectory,
+    trajectory: RigidTrajectory,
     about: DVec3,
 }
 
@@ -46,7 +46,9 @@ impl TimeDependentLoads {
             notes.extend(note);
         }
         for (i, entry) in scene.moves.iter().enumerate() {
-            actors.movers.push(entry.mover(i, body)?);
+            actors
+                .scheduled_motions
+                .push(entry.scheduled_motion(i, body)?);
         }
         for entry in &scene.pressure {
             let acting = entry.acting(body)?;
@@ -78,7 +80,7 @@ impl TimeDependentLoads {
     pub fn is_time_dependent(&self) -> bool {
         let keyed = |(_, course): &(AmplitudeId, TimeSeries)| matches!(course, TimeSeries::Keys(_));
         let tools = self.tools.iter().any(ToolTrajectory::moves);
-        tools || !self.movers.is_empty() || self.levels.iter().any(keyed)
+        tools || !self.scheduled_motions.is_empty() || self.levels.iter().any(keyed)
     }
 
     /// Sets the tools to their initial poses.
@@ -89,17 +91,17 @@ impl TimeDependentLoads {
 
     /// Sets all loads for the step of `dt` seconds (or 0) that begins at `time`.
     pub fn apply(&self, body: &mut dyn Simulator, time: f64, dt: f64) -> Result<()> {
-        for mover in &self.movers {
-            let now = mover.positions_at(time);
+        for scheduled_motion in &self.scheduled_motions {
+            let now = scheduled_motion.positions_at(time);
             let velocities: Vec<DVec3> = match dt > 0.0 {
                 false => vec![DVec3::ZERO; now.len()],
                 true => {
-                    let then = mover.positions_at(time + dt);
+                    let then = scheduled_motion.positions_at(time + dt);
                     then.iter().zip(&now).map(|(b, a)| (*b - *a) / dt).collect()
                 }
             };
             body.loads_mut()
-                .set_prescribed_motion(mover.id, &now, &velocities)?;
+                .set_prescribed_motion(scheduled_motion.id, &now, &velocities)?;
         }
         // Tools without a path are controlled interactively.
         for tool in self.tools.iter().filter(|tool| tool.moves()) {
@@ -152,16 +154,19 @@ impl PressureEntry {
                 .for_each(|v| inside[*v as usize] = true);
         }
         let facing = self.normal.map(DVec3::from);
-        if let Some(way) = facing.filter(|way| !(way.is_finite() && way.length() > 0.0)) {
+        if let Some(direction) =
+            facing.filter(|direction| !(direction.is_finite() && direction.length() > 0.0))
+        {
             return Err(Error::Input(format!(
-                "`normal` of a [[pressure]] must be a direction, got {way}"
+                "`normal` of a [[pressure]] must be finite and not zero, got {direction}"
             )));
         }
         let wanted = |face: [u32; 3]| {
             let [a, b, c] = face.map(|v| mesh.nodes[v as usize]);
             let normal = (b - a).cross(c - a).normalize_or_zero();
             face.iter().all(|v| inside[*v as usize])
-                && facing.is_none_or(|way| normal.dot(way.normalize()) >= MIN_FACING_COSINE)
+                && facing
+                    .is_none_or(|direction| normal.dot(direction.normalize()) >= MIN_FACING_COSINE)
         };
         let mut faces = match &self.between {
             Some(between) => faces_between(mesh, topology, between)?,
@@ -169,8 +174,8 @@ impl PressureEntry {
         };
         faces.retain(|b| wanted(topology.boundary_nodes(mesh, *b)));
         if faces.is_empty() {
-            let facing = facing.map_or(String::new(), |way| {
-                format!(" with a normal within 45° of {way}")
+            let facing = facing.map_or(String::new(), |direction| {
+                format!(" with a normal within 45° of {direction}")
             });
             return Err(Error::Input(format!(
                 "a [[pressure]] acts on no face{facing}: no face {} has all its nodes {}; extend `on` or `normal`",
@@ -211,9 +216,9 @@ fn faces_between(
 }
 
 impl MoveEntry {
-    fn mover(&self, number: usize, body: &mut dyn Simulator) -> Result<ScheduledMotion> {
+    fn scheduled_motion(&self, number: usize, body: &mut dyn Simulator) -> Result<ScheduledMotion> {
         let nodes = self.on.nodes(body.mesh())?;
-        let way = RigidTrajectory::new(
+        let trajectory = RigidTrajectory::new(
             "move",
             (self.path.as_deref(), self.file.as_deref()),
             (self.rotation.as_deref(), self.axis),
@@ -228,7 +233,7 @@ impl MoveEntry {
             nodes,
             id,
             rest,
-            way,
+            trajectory,
             about: self.pivot.map_or(middle, DVec3::from),
         })
     }
@@ -244,7 +249,7 @@ impl ScheduledMotion {
     }
 
     fn place(&self, rest: DVec3, time: f64) -> DVec3 {
-        let (turned, moved) = self.way.at(time);
+        let (turned, moved) = self.trajectory.at(time);
         self.about + turned * (rest - self.about) + moved
     }
 
@@ -281,16 +286,16 @@ impl MuscleEntry {
             let vector = |t: &usize| DVec3::from_slice(&field.values[3 * t..3 * t + 3]);
             Ok(tets.iter().map(vector).collect())
         };
-        let ways = match &self.fibre {
-            Some(FibreEntry::Along(way)) => vec![DVec3::from(*way); tets.len()],
+        let directions = match &self.fibre {
+            Some(FibreEntry::Along(direction)) => vec![DVec3::from(*direction); tets.len()],
             Some(FibreEntry::Field(name)) => of_field(name)?,
             None => vec![longest(mesh, &tets); tets.len()],
         };
-        let fibres = tets.iter().zip(&ways).map(|(t, way)| {
-            let unit = way.normalize_or_zero();
+        let fibres = tets.iter().zip(&directions).map(|(t, direction)| {
+            let unit = direction.normalize_or_zero();
             match unit == DVec3::ZERO {
                 true => Err(Error::Input(format!(
-                    "the fibre of tet {t} of a [[muscle]] must be a direction, got {way}"
+                    "the fibre of tet {t} of a [[muscle]] must not be zero, got {direction}"
                 ))),
                 false => Ok((*t as u32, unit)),
             }

@@ -27,7 +27,7 @@ pub(super) struct ToolTrajectory {
     /// Name in reaction files.
     pub name: String,
     pub id: ToolId,
-    way: RigidTrajectory,
+    trajectory: RigidTrajectory,
     at: DVec3,
     turn: DQuat,
 }
@@ -35,13 +35,13 @@ pub(super) struct ToolTrajectory {
 impl ToolTrajectory {
     /// Returns its pose at `time`.
     pub fn pose(&self, time: f64) -> ToolPose {
-        let (turned, moved) = self.way.at(time);
+        let (turned, moved) = self.trajectory.at(time);
         ToolPose::new(self.at + moved, turned * self.turn)
     }
 
     /// Whether it moves at all.
     pub fn moves(&self) -> bool {
-        self.way.is_moving()
+        self.trajectory.is_moving()
     }
 }
 
@@ -61,13 +61,13 @@ impl ToolEntry {
                 "the [[tool]] {name} has a mass or a spring, which requires a scene of one simulated tetrahedral body; give it a path instead"
             )));
         }
-        let way = RigidTrajectory::new(
+        let trajectory = RigidTrajectory::new(
             "tool",
             (self.path.as_deref(), self.file.as_deref()),
             (self.rotation.as_deref(), self.axis),
         )?;
         let (at, turn) = self.initial_pose()?;
-        let (turned, moved) = way.at(0.0);
+        let (turned, moved) = trajectory.at(0.0);
         let tool = Tool {
             shape: self.shape()?,
             pose: ToolPose::new(at + moved, turned * turn),
@@ -86,7 +86,7 @@ impl ToolEntry {
         let guided = ToolTrajectory {
             name,
             id,
-            way,
+            trajectory,
             at,
             turn,
         };

@@ -77,9 +77,9 @@ pub fn bake(coarse: &TriMesh, fine: &TriMesh, size: [u32; 2]) -> Result<(Map, Ba
         unmapped,
         ..BakeReport::default()
     };
-    for (_, met) in found.iter().flatten() {
+    for (_, direct_hit) in found.iter().flatten() {
         report.covered += 1;
-        report.missed += usize::from(!met);
+        report.missed += usize::from(!direct_hit);
     }
     let encode = |n: DVec3| {
         let [x, y, z] = (n * 127.0 + 128.0).round().to_array();
@@ -176,8 +176,8 @@ impl<'a> Fine<'a> {
             .try_normalize()
             .unwrap_or_else(|| normal.any_orthonormal_vector());
         let other = coarse.handedness[triangle[0] as usize] * normal.cross(tangent);
-        let met = self.meet(point, normal, reach);
-        let hit = met.or_else(|| self.tree.nearest(point));
+        let direct_hit = self.closest_hit(point, normal, reach);
+        let hit = direct_hit.or_else(|| self.tree.nearest(point));
         let fine = hit.map_or(normal, |(t, w)| {
             let corners = self.vertices.triangles[t];
             (0..3)
@@ -188,12 +188,17 @@ impl<'a> Fine<'a> {
         let local = DVec3::new(fine.dot(tangent), fine.dot(other), fine.dot(normal));
         // A tangent-space normal map cannot represent normals that point backwards.
         let local = local.with_z(local.z.max(0.0)).normalize_or(DVec3::Z);
-        (local, met.is_some())
+        (local, direct_hit.is_some())
     }
 
     /// Returns the triangle hit closest to `origin` along ±`direction` whose normal agrees with the
     /// direction, and the barycentric weights of the hit.
-    fn meet(&self, origin: DVec3, direction: DVec3, reach: f64) -> Option<(usize, [f64; 3])> {
+    fn closest_hit(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        reach: f64,
+    ) -> Option<(usize, [f64; 3])> {
         let mut best: Option<(f64, usize, [f64; 3])> = None;
         let mut stack = vec![0];
         while let Some(index) = stack.pop() {
@@ -209,7 +214,8 @@ impl<'a> Fine<'a> {
                 continue;
             }
             for i in node.range.0..node.range.1 {
-                let Some((along, w)) = meets(self.tree.triangles[i], origin, direction) else {
+                let Some((along, w)) = intersect_line(self.tree.triangles[i], origin, direction)
+                else {
                     continue;
                 };
                 if along.abs() <= best.map_or(reach, |b| b.0) {
@@ -241,7 +247,11 @@ fn crosses(low: DVec3, high: DVec3, origin: DVec3, direction: DVec3, reach: f64)
 
 /// Intersects the line with a triangle whose normal agrees with the direction (Möller & Trumbore).
 /// Returns the line parameter and the barycentric weights.
-fn meets([a, b, c]: [DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, [f64; 3])> {
+fn intersect_line(
+    [a, b, c]: [DVec3; 3],
+    origin: DVec3,
+    direction: DVec3,
+) -> Option<(f64, [f64; 3])> {
     let (ab, ac) = (b - a, c - a);
     let across = direction.cross(ac);
     let facing = ab.dot(across);

@@ -15,7 +15,7 @@ const MIN_NORMAL_LENGTH: f64 = 0.1;
 const MAX_AUTO_OFFSET: f64 = 0.02;
 /// Auto: twice that offset is allowed if the reference point is closer to a node than this fraction
 /// of the longest edge.
-const NEAR: f64 = 0.05;
+const NODE_PROXIMITY_RATIO: f64 = 0.05;
 /// The normal-only mapping accepts weights down to minus this, beyond the border of a sheet.
 const MIN_OUTSIDE_WEIGHT: f64 = 0.5;
 /// Weights down to minus this count as on the border.
@@ -23,7 +23,7 @@ const RIM_TOLERANCE: f64 = 1e-9;
 /// Feet of normals farther than this multiple of the closest-point distance are rejected.
 const MAX_FOOT_RATIO: f64 = 3.0;
 /// Distances below this, in local units, count as zero in single precision.
-const EXACT: f64 = 1e-6;
+const ZERO_DISTANCE: f64 = 1e-6;
 
 /// Predicate on the nodes of a triangle: whether a vertex may be bound to it.
 pub(super) type TriangleFilter<'a> = &'a dyn Fn([u32; 3]) -> bool;
@@ -219,7 +219,9 @@ impl<'a> Binder<'a> {
             .fold(0.0, f64::max);
         let point = combined(seat.weights, p);
         let offset = vertex.position.distance(point);
-        let near_node = p.iter().any(|q| q.distance(point) <= NEAR * edge);
+        let near_node = p
+            .iter()
+            .any(|q| q.distance(point) <= NODE_PROXIMITY_RATIO * edge);
         offset <= MAX_AUTO_OFFSET * edge || (near_node && offset <= 2.0 * MAX_AUTO_OFFSET * edge)
     }
 
@@ -303,7 +305,7 @@ impl<'a> Binder<'a> {
         bound.offset = DVec3::new(0.0, bound.offset.y, 0.0);
         // Check: with the correct foot there is no tangential remainder.
         let back = skin_vertex(&bound, self.nodes, &self.normals).position;
-        (back.distance(vertex.position) < EXACT).then_some(bound)
+        (back.distance(vertex.position) < ZERO_DISTANCE).then_some(bound)
     }
 
     /// Returns the reference point for an interpolated basis: the foot of an interpolated normal
@@ -321,7 +323,7 @@ impl<'a> Binder<'a> {
             .distance(combined(nearest.weights, self.corners(nearest.nodes)));
         let near = |seat: &BindingSite| {
             let foot = combined(seat.weights, self.corners(seat.nodes));
-            vertex.position.distance(foot) <= MAX_FOOT_RATIO * distance + EXACT
+            vertex.position.distance(foot) <= MAX_FOOT_RATIO * distance + ZERO_DISTANCE
         };
         self.normal_foot(vertex, t, RIM_TOLERANCE, accept)
             .filter(near)

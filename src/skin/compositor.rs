@@ -41,15 +41,15 @@ impl Default for CompositorOptions {
 }
 
 /// Contents of one image.
-struct Drawn<'a> {
+struct DrawnImage<'a> {
     boundary: Option<&'a mut Surface>,
     skins: Vec<&'a mut Skin>,
     raycaster: Option<&'a mut Raycaster>,
 }
 
-impl Drawn<'_> {
-    fn again(&mut self) -> Drawn<'_> {
-        Drawn {
+impl DrawnImage<'_> {
+    fn reborrow(&mut self) -> DrawnImage<'_> {
+        DrawnImage {
             boundary: self.boundary.as_deref_mut(),
             skins: self.skins.iter_mut().map(|s| &mut **s).collect(),
             raycaster: self.raycaster.as_deref_mut(),
@@ -120,7 +120,7 @@ impl Compositor {
     ) -> Result<()> {
         let texture = target.colour.texture();
         let window = ImageRegion::full([texture.width(), texture.height()]);
-        let scene = Drawn {
+        let scene = DrawnImage {
             boundary: None,
             skins: skins.into_iter().collect(),
             raycaster,
@@ -143,7 +143,7 @@ impl Compositor {
     ) -> Result<()> {
         let texture = target.colour.texture();
         let window = ImageRegion::full([texture.width(), texture.height()]);
-        let scene = Drawn {
+        let scene = DrawnImage {
             boundary: Some(boundary),
             skins: skins.into_iter().collect(),
             raycaster,
@@ -163,7 +163,7 @@ impl Compositor {
         camera: &Camera,
         size: [u32; 2],
     ) -> Result<Image> {
-        let scene = Drawn {
+        let scene = DrawnImage {
             boundary: Some(boundary),
             skins: skins.into_iter().collect(),
             raycaster,
@@ -183,7 +183,7 @@ impl Compositor {
         camera: &Camera,
         size: [u32; 2],
     ) -> Result<Image> {
-        let scene = Drawn {
+        let scene = DrawnImage {
             boundary: None,
             skins: skins.into_iter().collect(),
             raycaster,
@@ -191,7 +191,12 @@ impl Compositor {
         self.image_of(scene, camera, size)
     }
 
-    fn image_of(&mut self, mut scene: Drawn, camera: &Camera, size: [u32; 2]) -> Result<Image> {
+    fn image_of(
+        &mut self,
+        mut scene: DrawnImage,
+        camera: &Camera,
+        size: [u32; 2],
+    ) -> Result<Image> {
         let gpu = self.gpu.clone();
         let samples = self.options.samples;
         let fine = size.map(|n| n.saturating_mul(samples));
@@ -202,7 +207,7 @@ impl Compositor {
                 background: Some([0.0; 4]),
             };
             let mut work = gpu.start_recording();
-            self.record_window(&mut work, scene.again(), camera, &target, window)?;
+            self.record_window(&mut work, scene.reborrow(), camera, &target, window)?;
             work.submit()
         })?;
         Ok(Image {
@@ -217,13 +222,13 @@ impl Compositor {
     fn record_window(
         &mut self,
         work: &mut Recorder,
-        scene: Drawn,
+        scene: DrawnImage,
         camera: &Camera,
         target: &Target,
         window: ImageRegion,
     ) -> Result<()> {
         camera.check()?;
-        let Drawn {
+        let DrawnImage {
             boundary,
             mut skins,
             mut raycaster,

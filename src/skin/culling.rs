@@ -12,7 +12,7 @@ use std::collections::HashMap;
 
 /// Upper bounds of strain and of bend stretch (which must stay below 1).
 const MAX_STRAIN: f64 = 1e6;
-const MOST_BEND: f64 = 0.999;
+const MAX_CURVATURE: f64 = 0.999;
 /// 90° plus a margin, in radians.
 const BACKFACE_ANGLE: f64 = std::f64::consts::FRAC_PI_2 + 0.035;
 
@@ -66,7 +66,7 @@ fn bends(p: [DVec3; 3], n: [DVec3; 3], offset: f64) -> [f64; 3] {
         let next = (k + 1) % 3;
         let side = p[next] - p[k];
         let curvature = (n[next] - n[k]).dot(side) / side.length_squared().max(1e-30);
-        (offset * curvature).clamp(-MOST_BEND, MOST_BEND)
+        (offset * curvature).clamp(-MAX_CURVATURE, MAX_CURVATURE)
     })
 }
 

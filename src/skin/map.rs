@@ -20,7 +20,7 @@ pub struct Map {
 }
 
 /// Maximum side length, which every WebGPU device supports.
-const MOST: u32 = 8192;
+const MAX_SIDE: u32 = 8192;
 
 impl Map {
     /// Reads a PNG.
@@ -36,7 +36,7 @@ impl Map {
         let mut reader = image::ImageReader::new(std::io::Cursor::new(bytes));
         reader.set_format(image::ImageFormat::Png);
         let mut limits = image::Limits::default();
-        (limits.max_image_width, limits.max_image_height) = (Some(MOST), Some(MOST));
+        (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE), Some(MAX_SIDE));
         reader.limits(limits);
         let picture = reader
             .decode()
@@ -77,9 +77,9 @@ impl Map {
     fn check(&self) -> Result<()> {
         let [width, height] = self.size;
         let right = self.texels.len() as u64 == u64::from(width) * u64::from(height);
-        if !right || self.size.iter().any(|n| !(1..=MOST).contains(n)) {
+        if !right || self.size.iter().any(|n| !(1..=MAX_SIDE).contains(n)) {
             return Err(Error::Input(format!(
-                "map size must be 1 to {MOST} texels per side and match the number of texels, got {width} x {height} with {} texels",
+                "map size must be 1 to {MAX_SIDE} texels per side and match the number of texels, got {width} x {height} with {} texels",
                 self.texels.len()
             )));
         }

@@ -17,7 +17,7 @@ const FLATTEN_EVERY: usize = 9;
 
 /// Generates a thick-walled body with a through hole, 864 tets, in centimetres. About one tet in
 /// forty is a sliver, as in coarse meshes from scans. Its node field `distance` is the distance
-/// from a point beside it.
+/// from a point next to it.
 ///
 /// # Errors
 /// An error if the mesh cannot be generated.

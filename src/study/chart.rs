@@ -11,7 +11,7 @@ use std::sync::Once;
 
 /// Size of a chart in pixels, including the legend; sufficient for print.
 pub(super) const SIZE: (u32, u32) = (2000, 1200);
-/// The width of the legend, beside the data.
+/// The width of the legend, next to the data.
 const LEGEND: i32 = 500;
 pub(super) const FONT: &str = "sans-serif";
 /// The Okabe-Ito palette, distinguishable with colour blindness, without the yellow.

@@ -14,7 +14,7 @@ use glam::DVec3;
 const STEP: f64 = 100.0;
 
 /// Maximum number of steps to reach equilibrium.
-const MOST_STEPS: u32 = 100;
+const MAX_STEPS: u32 = 100;
 
 /// Returns the material models to compare: names, and materials of Young's modulus `young` (Pa).
 pub fn materials(young: f64) -> Vec<(String, Material)> {
@@ -90,7 +90,7 @@ pub fn at_rest(
     body.pin_nodes(held)?;
     body.loads_mut().set_gravity(gravity);
     let mut before = start.to_vec();
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         body.run(1, STEP)?;
         let now = body.positions()?;
         let way = |(a, b): (&DVec3, &DVec3)| a.distance(*b);
@@ -102,7 +102,7 @@ pub fn at_rest(
         before = now;
     }
     Err(Error::Input(format!(
-        "a body of {} tets does not reach static equilibrium in {MOST_STEPS} steps",
+        "a body of {} tets does not reach static equilibrium in {MAX_STEPS} steps",
         mesh.tets.len()
     )))
 }

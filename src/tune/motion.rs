@@ -20,20 +20,20 @@ const PROBE_STEPS: u32 = 3;
 /// Maximum number of cage nodes relative to the nodes of the mesh.
 const MAX_CAGE_FRACTION: f64 = 0.6;
 /// Approximate size of the smallest cage, in nodes, and the maximum number of cages.
-const LEAST_CAGE: f64 = 60.0;
+const MIN_CAGE_TETS: f64 = 60.0;
 const CAGES: usize = 4;
 /// Steps between two comparisons, relative to those with the scene's time step.
 const STEP_RATIOS: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// Tolerances of conjugate gradients.
 const TOLERANCES: [f64; 2] = [0.1, 0.01];
 /// Upper bound of the cost of an implicit step, in explicit steps.
-const MOST_EXPLICIT: f64 = 32.0;
+const MAX_EXPLICIT_TETS: f64 = 32.0;
 /// Approximate element evaluations per step.
 const EVALUATIONS: f64 = 3.0;
 /// Solver tolerance of the reference.
 const REFERENCE_TOLERANCE: f64 = 1e-4;
 /// Minimum RMS displacement that counts as motion, relative to the body size.
-const LEAST_MOTION: f64 = 1e-6;
+const MIN_MOTION_RATIO: f64 = 1e-6;
 
 /// Simulated body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -170,13 +170,13 @@ impl<'a> MotionSearch<'a> {
         counts.dedup();
         let nodes = mesh.nodes.len() as f64;
         let most = MAX_CAGE_FRACTION * nodes;
-        let growth = (most / LEAST_CAGE)
+        let growth = (most / MIN_CAGE_TETS)
             .max(1.0)
             .powf(1.0 / CAGES as f64)
             .max(1.5);
         let sizes = (0..CAGES).map(|k| most / growth.powi(k as i32 + 1));
         let mut bodies: Vec<Body> = sizes
-            .filter(|n| *n >= 0.5 * LEAST_CAGE)
+            .filter(|n| *n >= 0.5 * MIN_CAGE_TETS)
             .map(|n| Body::Cage(n.round() as usize))
             .collect();
         bodies.push(Body::Own);
@@ -208,7 +208,7 @@ impl<'a> MotionSearch<'a> {
         };
         let second_order = motions.add_second_order(&counts);
         motions.find_truth(finest, second_order)?;
-        motions.add_explicit(MOST_EXPLICIT * f64::from(finest))?;
+        motions.add_explicit(MAX_EXPLICIT_TETS * f64::from(finest))?;
         Ok(motions)
     }
 
@@ -269,10 +269,10 @@ impl<'a> MotionSearch<'a> {
             })
             .collect();
         let rest = &self.mesh.nodes;
-        let moved = |there: &Vec<DVec3>| apart(there, rest);
+        let moved = |there: &Vec<DVec3>| sum_of_squared_distances(there, rest);
         self.moved = self.truth.iter().map(moved).sum();
         let (low, high) = self.mesh.bounds();
-        let least = LEAST_MOTION * (high - low).max_element();
+        let least = MIN_MOTION_RATIO * (high - low).max_element();
         if self.moved <= least * least * rest.len() as f64 {
             return Err(Error::Input(
                 "no visible motion to tune; increase --seconds, or add a load".into(),
@@ -386,7 +386,9 @@ impl Candidates for MotionSearch<'_> {
         let mut off = 0.0;
         let mut looks = truth.iter();
         let run = self.run(point, &mut |positions| {
-            off += looks.next().map_or(0.0, |there| apart(there, positions));
+            off += looks
+                .next()
+                .map_or(0.0, |there| sum_of_squared_distances(there, positions));
             // The accumulated error only grows, so the run can stop early.
             off <= enough * enough * moved
         });
@@ -418,6 +420,6 @@ fn visits(motion: &Motion) -> Result<f64> {
 }
 
 /// Σ |a − b|².
-fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
+fn sum_of_squared_distances(a: &[DVec3], b: &[DVec3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum()
 }

@@ -76,7 +76,8 @@ fn divide(ring: &[u8]) -> Option<(u32, Vec<[u8; 3]>)> {
     let side = |from: usize, to: usize| match to - from {
         1 => Some((0, Vec::new())),
         _ if share_a_face(ring[from], ring[to]) => None,
-        _ => divide(&ring[from..=to]).map(|(cost, t)| (cost + apart(ring[from], ring[to]), t)),
+        _ => divide(&ring[from..=to])
+            .map(|(cost, t)| (cost + squared_midpoint_distance(ring[from], ring[to]), t)),
     };
     (1..end)
         .filter_map(|apex| {
@@ -104,7 +105,7 @@ fn share_a_face(a: u8, b: u8) -> bool {
 }
 
 /// Returns four times the squared distance between the midpoints of two edges.
-fn apart(a: u8, b: u8) -> u32 {
+fn squared_midpoint_distance(a: u8, b: u8) -> u32 {
     let pairs = middle(a).into_iter().zip(middle(b));
     pairs.map(|(a, b)| u32::from(a.abs_diff(b)).pow(2)).sum()
 }

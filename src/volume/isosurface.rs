@@ -32,7 +32,7 @@ impl Volume {
                 value"
             )));
         }
-        let surface = self.march(|value| value, low, high)?;
+        let surface = self.marching_cubes(|value| value, low, high)?;
         if surface.triangles.is_empty() {
             let range = match self.range() {
                 Some((least, most)) => format!("values range from {least} to {most}"),
@@ -54,7 +54,7 @@ impl Volume {
     /// than 32 bits can count.
     pub fn label_surface(&self, labels: &[i64]) -> Result<TriMesh> {
         let is_in = |value: f64| labels.iter().any(|l| *l as f64 == value);
-        let surface = self.march(|value| f64::from(u8::from(is_in(value))), 0.5, 1.5)?;
+        let surface = self.marching_cubes(|value| f64::from(u8::from(is_in(value))), 0.5, 1.5)?;
         if surface.triangles.is_empty() {
             let there = match self.labels() {
                 Some(there) => {
@@ -71,7 +71,12 @@ impl Volume {
     }
 
     /// Extracts the boundary of the points at which `value_of` the value is from `low` to `high`.
-    fn march(&self, value_of: impl Fn(f64) -> f64 + Sync, low: f64, high: f64) -> Result<TriMesh> {
+    fn marching_cubes(
+        &self,
+        value_of: impl Fn(f64) -> f64 + Sync,
+        low: f64,
+        high: f64,
+    ) -> Result<TriMesh> {
         let grid = Grid {
             volume: self,
             value_of,

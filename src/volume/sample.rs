@@ -6,7 +6,7 @@ use crate::parallel;
 use glam::DVec3;
 
 /// Maximum number of samples along each axis of the cell of a node.
-const MOST_SAMPLES: usize = 9;
+const MAX_SAMPLES: usize = 9;
 
 impl Volume {
     /// Returns the trilinear value at `p` in the world; outside the outermost voxel centres, `p` is
@@ -85,7 +85,7 @@ impl Volume {
 
 /// Returns the number of samples along an axis on which the cell of a node measures `voxels`.
 fn samples_along(voxels: f64) -> usize {
-    (voxels.ceil().max(1.0) as usize).min(MOST_SAMPLES)
+    (voxels.ceil().max(1.0) as usize).min(MAX_SAMPLES)
 }
 
 /// Returns the mean length of the edges at each node.

@@ -145,14 +145,14 @@ impl Warp<'_> {
         step: &mut dyn FnMut(),
     ) -> Result<Coverage> {
         let mut coverage = Coverage::default();
-        let way = self.forward();
+        let map_direction = self.forward();
         let make = |plane: Plane| (lps(&plane), plane.coverage);
-        way.for_each_plane(grid, make, &mut |(bytes, own)| {
+        map_direction.for_each_plane(grid, make, &mut |(bytes, own)| {
             coverage.add(own);
             step();
             stream.iter_mut().try_for_each(|s| s.push(&bytes))
         })?;
-        coverage.require_any(&way, grid)?;
+        coverage.require_any(&map_direction, grid)?;
         Ok(coverage)
     }
 
@@ -166,7 +166,7 @@ impl Warp<'_> {
         step: &mut dyn FnMut(),
     ) -> Result<Coverage> {
         let mut coverage = Coverage::default();
-        let way = self.backward();
+        let map_direction = self.backward();
         let with_inverse = inverse.is_some();
         let make = |plane: Plane| {
             let values = sampler.map(|sampler| sampler.sample_plane(&plane));
@@ -179,13 +179,13 @@ impl Warp<'_> {
             let own = plane.coverage;
             (bytes, vectors, Coverage { beyond, ..own })
         };
-        way.for_each_plane(grid, make, &mut |(bytes, vectors, own)| {
+        map_direction.for_each_plane(grid, make, &mut |(bytes, vectors, own)| {
             coverage.add(own);
             step();
             image.iter_mut().try_for_each(|s| s.push(&bytes))?;
             inverse.iter_mut().try_for_each(|s| s.push(&vectors))
         })?;
-        coverage.require_any(&way, grid)?;
+        coverage.require_any(&map_direction, grid)?;
         coverage.require_scan()?;
         Ok(coverage)
     }

@@ -40,14 +40,14 @@ impl Warp<'_> {
         let sampler = Sampler::new(scan, grid, options)?;
         let mut raw = sampler.empty_like();
         let mut coverage = Coverage::default();
-        let way = self.backward();
+        let map_direction = self.backward();
         let make = |plane: Plane| (sampler.sample_plane(&plane), plane.coverage);
-        way.for_each_plane(grid, make, &mut |((plane, beyond), own)| {
+        map_direction.for_each_plane(grid, make, &mut |((plane, beyond), own)| {
             append(&mut raw, plane);
             coverage.add(Coverage { beyond, ..own });
             Ok(())
         })?;
-        coverage.require_any(&way, grid)?;
+        coverage.require_any(&map_direction, grid)?;
         coverage.require_scan()?;
         Ok(WarpedImage {
             volume: Volume {

@@ -131,15 +131,15 @@ impl<'a> Warp<'a> {
 
     /// The mapping from rest to the deformed state.
     fn forward(&self) -> MapDirection<'_> {
-        self.way(0)
+        self.direction(0)
     }
 
     /// The mapping from the deformed state to rest.
     fn backward(&self) -> MapDirection<'_> {
-        self.way(1)
+        self.direction(1)
     }
 
-    fn way(&self, from: usize) -> MapDirection<'_> {
+    fn direction(&self, from: usize) -> MapDirection<'_> {
         MapDirection {
             tets: self.tets,
             from: self.nodes[from],
@@ -158,8 +158,8 @@ impl Coverage {
         self.beyond += other.beyond;
     }
 
-    /// Rejects a grid without a voxel in the body in the source state of `way`.
-    fn require_any(&self, way: &MapDirection, grid: &Grid) -> Result<()> {
+    /// Rejects a grid without a voxel in the body in the source state of `direction`.
+    fn require_any(&self, direction: &MapDirection, grid: &Grid) -> Result<()> {
         if self.uncovered < self.voxels {
             return Ok(());
         }
@@ -172,7 +172,7 @@ impl Coverage {
         Err(Error::Input(format!(
             "no voxel is inside the body: voxels span {} mm, the body {} mm; both must be in the scan's world coordinates (RAS, mm), as meshes that `palpate mesh` generates from the scan",
             box_of(grid.bounds()),
-            box_of(bounds(way.from))
+            box_of(bounds(direction.from))
         )))
     }
 }

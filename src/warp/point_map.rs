@@ -14,20 +14,20 @@ impl Warp<'_> {
         if !p.is_finite() {
             return None;
         }
-        let way = self.way(from);
-        let search = self.search[from].get_or_init(|| way.search());
+        let map_direction = self.direction(from);
+        let search = self.search[from].get_or_init(|| map_direction.search());
         let mut first = None;
         search.for_each_overlapping(&[p, p], |t| {
             let sooner = first.is_none_or(|(own, _)| t < own);
-            if sooner && way.upright[t as usize] {
-                let weights = Weights::new(way.corners(t));
+            if sooner && map_direction.upright[t as usize] {
+                let weights = Weights::new(map_direction.corners(t));
                 if weights.contains(weights.at(p)).0 {
                     first = Some((t, weights));
                 }
             }
         });
         let (t, weights) = first?;
-        Some(p + AffineDisplacement::new(&weights, way.corner_displacements(t)).at(p))
+        Some(p + AffineDisplacement::new(&weights, map_direction.corner_displacements(t)).at(p))
     }
 }
 

@@ -39,7 +39,7 @@ impl MapDirection<'_> {
         let to_index = grid.to_world.inverse();
         let from = parallel::map(self.from.len(), |v| to_index.transform_point3(self.from[v]));
         let section = Section {
-            way: *self,
+            direction: *self,
             nodes: &from,
             size: grid.size,
         };
@@ -58,23 +58,23 @@ impl MapDirection<'_> {
 
 /// A body in the voxel coordinates of a grid.
 struct Section<'a> {
-    way: MapDirection<'a>,
+    direction: MapDirection<'a>,
     nodes: &'a [DVec3],
     size: [usize; 3],
 }
 
 impl Section<'_> {
     fn corners(&self, t: u32) -> [DVec3; 4] {
-        self.way.tets[t as usize].map(|v| self.nodes[v as usize])
+        self.direction.tets[t as usize].map(|v| self.nodes[v as usize])
     }
 
     /// Returns the valid tetrahedra that overlap planes `low` to `high`, in ascending order.
     fn tets_between(&self, low: f64, high: f64) -> Vec<u32> {
-        parallel::collect(self.way.tets.len(), |range, found| {
+        parallel::collect(self.direction.tets.len(), |range, found| {
             let meets = |t: &u32| {
                 let z = self.corners(*t).map(|p| p.z);
                 let (least, most) = ends(z);
-                self.way.upright[*t as usize]
+                self.direction.upright[*t as usize]
                     && least <= high + BOUNDS_MARGIN
                     && most >= low - BOUNDS_MARGIN
             };
@@ -138,7 +138,7 @@ impl Section<'_> {
                 Some((own, shift)) if own == *t => shift,
                 _ => AffineDisplacement::new(
                     &Weights::new(self.corners(*t)),
-                    self.way.corner_displacements(*t),
+                    self.direction.corner_displacements(*t),
                 ),
             };
             last = Some((*t, shift));

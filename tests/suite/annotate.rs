@@ -131,17 +131,27 @@ fn colour_bar_matches_displayed_scalar() {
     };
     let inside = bar("range = [-100, 900]\ntransfer = \"viridis\"\n");
     assert_eq!(inside.range, (-100.0, 900.0));
-    let BarColours::Transfer { transfer, way } = inside.colours else {
+    let BarColours::Transfer {
+        transfer,
+        path_length,
+    } = inside.colours
+    else {
         panic!("{:?}", inside.colours);
     };
     assert_eq!(
         transfer.colour(-100.0).map(|c| (255.0 * c).round()),
         [68.0, 1.0, 84.0]
     );
-    assert!(way.is_some());
+    assert!(path_length.is_some());
     assert_eq!(bar("mode = \"mip\"\n").colours, BarColours::Grey);
     let surface = bar("mode = \"surface\"\n").colours;
-    assert!(matches!(surface, BarColours::Transfer { way: None, .. }));
+    assert!(matches!(
+        surface,
+        BarColours::Transfer {
+            path_length: None,
+            ..
+        }
+    ));
     let plain = stage([64, 48], "mode = \"surface\"\nlegend = true\n");
     assert!(plain.annotations().legend.is_none());
     assert!(plain.notes().iter().any(|n| n.contains("one colour")));

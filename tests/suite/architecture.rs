@@ -1,13 +1,13 @@
-//! Holds the tables of rooms in ARCHITECTURE.md to the imports in `src/`: a room uses the rooms
-//! above it.
+//! Checks the tables of modules in ARCHITECTURE.md against the imports in `src/`: a module imports
+//! only modules listed above it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-/// The rooms of the table whose header starts with this cell, from the top down. A row may name
+/// The modules of the table whose header starts with this cell, from the top down. A row may name
 /// several files.
-fn rooms(text: &str, header: &str) -> Vec<String> {
+fn table_modules(text: &str, header: &str) -> Vec<String> {
     let rows = text.lines().skip_while(|l| !l.starts_with(header)).skip(2);
     let cells = rows
         .take_while(|l| l.starts_with('|'))
@@ -200,29 +200,29 @@ impl Sources {
     }
 }
 
-/// The innermost of `rooms` that a module below `prefix` is in, by its number.
-fn room(rooms: &[String], prefix: &[&str], module: &[String]) -> Option<usize> {
+/// The innermost of the table `rows` that a module below `prefix` is in, by its number.
+fn row_of(rows: &[String], prefix: &[&str], module: &[String]) -> Option<usize> {
     let rest = module.strip_prefix(&prefix.iter().map(|p| (*p).to_owned()).collect::<Vec<_>>()[..]);
     let rest = rest?.join("/");
     let inside = |r: &&String| rest == **r || rest.starts_with(&format!("{r}/"));
-    let best = rooms.iter().filter(inside).max_by_key(|r| r.len());
+    let best = rows.iter().filter(inside).max_by_key(|r| r.len());
     match best {
-        Some(best) => rooms.iter().position(|r| r == best),
-        None => rooms.iter().position(|r| r == "mod"),
+        Some(best) => rows.iter().position(|r| r == best),
+        None => rows.iter().position(|r| r == "mod"),
     }
 }
 
-/// Every upward import: the rooms, and where it is.
-fn upward(sources: &Sources, rooms: &[String], prefix: &[&str]) -> Vec<(String, String, String)> {
+/// Every upward import: both table rows, and where it is.
+fn upward(sources: &Sources, rows: &[String], prefix: &[&str]) -> Vec<(String, String, String)> {
     let mut found = BTreeSet::new();
     for (file, line, from, to) in sources.imports() {
-        let places = (room(rooms, prefix, &from), room(rooms, prefix, &to));
+        let places = (row_of(rows, prefix, &from), row_of(rows, prefix, &to));
         if let (Some(a), Some(b)) = places {
             // A folder shows what lies in it.
             let facade = file.ends_with("mod.rs") && to.starts_with(&from);
             if b > a && !facade {
                 let place = format!("{file}:{line}");
-                found.insert((rooms[a].clone(), rooms[b].clone(), place));
+                found.insert((rows[a].clone(), rows[b].clone(), place));
             }
         }
     }
@@ -245,14 +245,14 @@ fn read(folder: &Path, name: &str, sources: &mut Sources) {
 }
 
 #[test]
-fn rooms_import_only_rooms_above_them() {
+fn modules_import_only_modules_above_them() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let text = fs::read_to_string(root.join("ARCHITECTURE.md")).expect("the table of rooms");
+    let text = fs::read_to_string(root.join("ARCHITECTURE.md")).expect("the table of modules");
     let mut sources = Sources::default();
     read(&root.join("src"), "", &mut sources);
     sources.read_imports();
-    let outer = rooms(&text, "| `src/` |");
-    let inner = rooms(&text, "| `src/physics/` |");
+    let outer = table_modules(&text, "| `src/` |");
+    let inner = table_modules(&text, "| `src/physics/` |");
     assert!(outer.len() > 10 && inner.len() > 10, "{outer:?} {inner:?}");
     let mut wrong = upward(&sources, &outer, &[]);
     wrong.extend(upward(&sources, &inner, &["physics"]));
@@ -270,8 +270,8 @@ fn upward_import_is_found_through_a_re_export() {
     sources.add("high/part.rs", "pub struct Thing;\n");
     sources.add("low.rs", "//! Low.\n\nuse crate::{\n    Thing,\n};\n");
     sources.read_imports();
-    let rooms = ["low".to_owned(), "high".to_owned()];
-    let found = upward(&sources, &rooms, &[]);
+    let rows = ["low".to_owned(), "high".to_owned()];
+    let found = upward(&sources, &rows, &[]);
     let place = "low.rs:3".to_owned();
     assert_eq!(found, [("low".to_owned(), "high".to_owned(), place)]);
     let turned = ["high".to_owned(), "low".to_owned()];

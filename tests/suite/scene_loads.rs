@@ -314,7 +314,7 @@ fn loads_reject_invalid_entries() {
         ),
         (
             format!("{muscle}fibre = [0, 0, 0]\n"),
-            ["fibre", "must be a direction"],
+            ["fibre", "must not be zero"],
         ),
         (muscle.replace("1e4", "-1.0"), ["-1 Pa", "≥ 0"]),
         (

@@ -230,7 +230,7 @@ impl Document {
         set(&mut text, "picture", "size", Some(size));
         match self.bundled_files {
             [] => moved(text, &self.folder, folder),
-            // Bundled files are saved beside the scene, so their paths stay relative.
+            // Bundled files are saved in the folder of the scene, so their paths stay relative.
             _ => text.to_string(),
         }
     }

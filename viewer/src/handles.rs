@@ -353,7 +353,7 @@ mod tests {
             "{tilted:?}"
         );
         assert!(tilted.is_some_and(|t| t.middle == handle.middle));
-        // A ray beside the sphere tilts the arrow to the silhouette.
+        // A ray outside the sphere tilts the arrow to the silhouette.
         let aside = ray(eye, DVec3::new(0.0, 5.0, 1.0));
         let beside = towards.tilted(&aside);
         let across = |t: Handle| t.normal.y > 0.8 && t.normal.dot(aside.direction).abs() < 1e-9;

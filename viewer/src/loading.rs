@@ -17,7 +17,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use web_time::Instant;
 
 /// Sets the session's callback to repaint the window after steps.
-fn waking(mut show: BodySession, context: &egui::Context) -> BodySession {
+fn with_repaint_callback(mut show: BodySession, context: &egui::Context) -> BodySession {
     let woken = context.clone();
     show.set_waker(Arc::new(move || woken.request_repaint()), context);
     show
@@ -188,7 +188,7 @@ impl Loading {
                     "internal error: the edit to undo is not a cut; please report it".into(),
                 ));
             };
-            Ok(waking(anew.rebuild(&gpu, before)?, &woken))
+            Ok(with_repaint_callback(anew.rebuild(&gpu, before)?, &woken))
         });
         Loading {
             name,
@@ -249,7 +249,7 @@ impl Loading {
             if cfg!(not(target_arch = "wasm32")) {
                 let _ = show.prepare_pictures();
             }
-            Ok(waking(show, &woken))
+            Ok(with_repaint_callback(show, &woken))
         });
         Ok(Loading {
             name: document.name.clone(),

@@ -157,7 +157,7 @@ impl App {
                 });
                 // Keep the user's view.
                 if !again {
-                    self.see(&mut show);
+                    self.apply_view(&mut show);
                 }
                 self.picture = show.stage().size();
                 let title = format!("{} — Palpate", document.name);
@@ -187,7 +187,7 @@ impl App {
     }
 
     /// Sets the view of the scene.
-    fn see(&mut self, show: &mut BodySession) {
+    fn apply_view(&mut self, show: &mut BodySession) {
         let camera = *show.stage_mut().camera_mut();
         self.orbit = Orbit::of(&camera, show.diagonal());
         // Fit a view of a different aspect ratio.

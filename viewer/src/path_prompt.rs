@@ -75,7 +75,7 @@ impl PathPrompt {
 }
 
 impl App {
-    /// Prompts for a path to save to, by default beside the open document.
+    /// Prompts for a path to save to, by default in the folder of the open document.
     pub(crate) fn prompt_save_path(&mut self, what: SaveKind) {
         let Some(document) = self.document.as_ref().filter(|_| self.show.is_some()) else {
             return;

@@ -285,7 +285,7 @@ impl App {
 
     /// Retracts the finger.
     #[cfg(target_arch = "wasm32")]
-    pub(crate) fn let_go_of_press(&mut self) {
+    pub(crate) fn release_press(&mut self) {
         if let Some(show) = &mut self.show {
             show.retract();
         }

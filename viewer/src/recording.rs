@@ -61,7 +61,7 @@ impl Recording {
     }
 
     /// Sends a picture for all that are due.
-    fn hand(&mut self, image: Image) {
+    fn send_frame(&mut self, image: Image) {
         let count = self.due().saturating_sub(self.handed).max(1);
         let Some(pictures) = &self.pictures else {
             return;
@@ -149,7 +149,7 @@ impl App {
         }
         if let Some(mut pending) = recording.pending.take() {
             match pending.try_take()? {
-                Some(image) => recording.hand(image),
+                Some(image) => recording.send_frame(image),
                 None => recording.pending = Some(pending),
             }
         }
@@ -175,10 +175,10 @@ mod tests {
             channels: 4,
             values: [grey, grey, grey, 1.0].repeat(16 * 12),
         };
-        recording.hand(picture(0.2));
+        recording.send_frame(picture(0.2));
         recording.began -= Duration::from_millis(500);
         // A late picture covers all that were due.
-        recording.hand(picture(0.8));
+        recording.send_frame(picture(0.8));
         let handed = recording.handed;
         assert!((6..=recording.due()).contains(&handed), "{handed}");
         assert!(

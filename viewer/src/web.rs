@@ -65,7 +65,7 @@ impl Viewer {
         told: js_sys::Function,
         ended: js_sys::Function,
     ) -> Result<(), JsValue> {
-        tell_of_end(ended);
+        notify_finished(ended);
         let options = Options {
             open: example.map_or(InitialFile::Nothing, InitialFile::Example),
             log: None,
@@ -181,7 +181,7 @@ impl Viewer {
     /// An error if the viewer is not started.
     pub fn release(&self) -> Result<(), JsValue> {
         self.with(|app| {
-            app.let_go_of_press();
+            app.release_press();
             Ok(())
         })
     }
@@ -244,7 +244,7 @@ thread_local! {
 }
 
 /// Registers `ended` to be called with the message of a panic, after which the module is unusable.
-fn tell_of_end(ended: js_sys::Function) {
+fn notify_finished(ended: js_sys::Function) {
     let first = EXIT_CALLBACKS.with_borrow_mut(|all| {
         all.push(ended);
         all.len() == 1

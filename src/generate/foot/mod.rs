@@ -55,11 +55,11 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 /// # Errors
 /// An error for fewer than 2,000 tets, or more than 32-bit indices can address.
 pub fn foot(tets: usize) -> Result<TetMesh> {
-    telling(tets, &no_progress)
+    generate_with_progress(tets, &no_progress)
 }
 
 /// As [`foot`], with progress reports.
-pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
+pub(super) fn generate_with_progress(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
             "foot phantom must have 2,000 to 50,000,000 tets, got {tets}"

@@ -53,11 +53,12 @@ const BLUR: f64 = 1.4;
 const LOW: DVec3 = DVec3::new(0.0, -0.080, -0.042);
 const HIGH: DVec3 = DVec3::new(0.352, 0.104, 0.032);
 
-/// Factors on the size of lattice cells in the forearm and in the hand…
+/// Factor on the size of lattice cells in the forearm.
 const FOREARM_SCALE: f64 = 1.25;
+/// Factor on the size of lattice cells in the hand.
 const HAND_SCALE: f64 = 0.7;
 
-/// …with a transition between these x.
+/// Range of x, m, of the transition between these factors.
 const GRADED: [f64; 2] = [0.06, 0.19];
 
 /// Components below this volume, in cubic metres of lattice coordinates, are dropped: all but the
@@ -79,11 +80,11 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 /// # Errors
 /// An error for fewer than 2,000 tets, or more than 32-bit indices can address.
 pub fn limb(tets: usize) -> Result<TetMesh> {
-    telling(tets, &no_progress)
+    generate_with_progress(tets, &no_progress)
 }
 
 /// As [`limb`], with progress reports.
-pub(super) fn telling(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
+pub(super) fn generate_with_progress(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
     if !(2_000..=50_000_000).contains(&tets) {
         return Err(Error::Input(format!(
             "limb phantom must have 2,000 to 50,000,000 tets, got {tets}"

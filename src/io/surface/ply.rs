@@ -14,7 +14,7 @@ pub(super) const MAGIC: &[u8] = b"ply";
 /// VTK number of a polygon.
 const POLYGON: u8 = 7;
 /// Maximum number of corners of a polygon; more indicate a damaged file.
-const MOST_CORNERS: usize = 1 << 16;
+const MAX_CORNERS: usize = 1 << 16;
 
 #[derive(Clone, Copy, PartialEq)]
 enum Encoding {
@@ -282,9 +282,9 @@ impl Body<'_> {
             for property in &element.properties {
                 let items = self.items(property)?;
                 if matches!(property.name.as_str(), "vertex_indices" | "vertex_index") {
-                    if items.len() > MOST_CORNERS {
+                    if items.len() > MAX_CORNERS {
                         return Err(self.at.error(format_args!(
-                            "face must have at most {MOST_CORNERS} corners, \
+                            "face must have at most {MAX_CORNERS} corners, \
                                 got {}",
                             items.len()
                         )));

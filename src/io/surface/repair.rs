@@ -5,11 +5,11 @@ use std::collections::HashMap;
 
 /// Largest distance of a vertex from the edge of another triangle at a T-junction that is closed,
 /// relative to the largest coordinate: the rounding of single precision.
-const EXACT: f64 = 2.5e-7;
+const CLOSED_GAP_TOLERANCE: f64 = 2.5e-7;
 /// The same for T-junctions that are only reported, relative to the length of the edge.
-const NEAR: f64 = 1e-3;
+const REPORTED_GAP_TOLERANCE: f64 = 1e-3;
 /// Maximum number of comparisons of edges and vertices in the search of T-junctions.
-const MOST_TESTS: usize = 20_000_000;
+const MAX_TESTS: usize = 20_000_000;
 
 /// Triangles with the cells they come from.
 pub(super) struct Triangles {
@@ -134,7 +134,7 @@ impl Triangles {
 
     /// Closes T-junctions, where vertices of other triangles divide an open edge exactly: its
     /// triangle is divided, too. Returns the number of closed edges, and of those whose vertices
-    /// lie beside the edge by more than rounding, which are left open.
+    /// lie off the edge by more than rounding, which are left open.
     pub fn close_t_junctions(&mut self, places: &[DVec3], may_divide: bool) -> [usize; 2] {
         let mut closed = 0;
         // A triangle with several such edges is divided once per round.
@@ -206,11 +206,11 @@ impl Triangles {
         for (&[a, b], &triangle) in edges {
             let [p, q] = [a, b].map(|v| places[v as usize]);
             let length = p.distance(q);
-            let reach = NEAR * length;
+            let reach = REPORTED_GAP_TOLERANCE * length;
             let start = rim.partition_point(|v| along(*v) < along(a).min(along(b)) - reach);
             let end = rim.partition_point(|v| along(*v) <= along(a).max(along(b)) + reach);
             tests += end - start;
-            if tests > MOST_TESTS {
+            if tests > MAX_TESTS {
                 break;
             }
             let mut beside: Vec<(f64, u32, f64)> = Vec::new();
@@ -219,7 +219,8 @@ impl Triangles {
                 let to = places[v as usize] - p;
                 let part = to.dot(q - p) / (length * length);
                 let distance = to.distance(part * (q - p));
-                if part > 0.0 && part < 1.0 && distance <= reach.max(EXACT * largest) {
+                if part > 0.0 && part < 1.0 && distance <= reach.max(CLOSED_GAP_TOLERANCE * largest)
+                {
                     beside.push((part, v, distance));
                 }
             }
@@ -240,7 +241,7 @@ impl Triangles {
                     triangle,
                     edge: [a, b],
                     vertices: beside.iter().map(|v| v.1).collect(),
-                    is_exact: farthest <= EXACT * largest,
+                    is_exact: farthest <= CLOSED_GAP_TOLERANCE * largest,
                 });
             }
         }

@@ -129,7 +129,7 @@ fn repair(
     }
     if left > 0 {
         notes.push(format!(
-            "{left} T-junctions left open: vertices of other triangles lie beside an edge and are \
+            "{left} T-junctions left open: vertices of other triangles lie next to an edge and are \
             not joined to it; merge them in the program that made the surface"
         ));
     }

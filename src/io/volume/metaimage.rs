@@ -12,7 +12,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 
 /// Maximum number of data files of a LIST or a pattern.
-const MOST_FILES: i64 = 100_000;
+const MAX_FILES: i64 = 100_000;
 
 /// Whether a file begins with one of the fields that can start a header.
 pub(super) fn is_metaimage(bytes: &[u8]) -> bool {
@@ -271,7 +271,7 @@ impl Header {
             })?
         };
         let unnamed = names.iter().any(|n| n.is_empty());
-        if names.is_empty() || unnamed || names.len() as i64 > MOST_FILES {
+        if names.is_empty() || unnamed || names.len() as i64 > MAX_FILES {
             return Err(format!(
                 "line {line}: `ElementDataFile` is \"{named}\", which names {} files of data",
                 names.len()

@@ -22,7 +22,7 @@ pub(super) fn is_nifti(start: &[u8]) -> bool {
 enum Layout {
     /// In the same file.
     Single,
-    /// In the .img beside the .hdr.
+    /// In the .img in the folder of the .hdr.
     Pair,
     /// The same, of an Analyze image.
     Analyze,
@@ -75,7 +75,9 @@ pub(super) fn read(file: &[u8], fetch: Fetch, number: Option<usize>) -> ParseRes
     };
     let (slope, intercept) = header.scaling();
     if header.layout == Layout::Analyze && fetch("*.mat").is_ok() {
-        notes.push("the .mat of SPM beside the header, with the position, is not read".into());
+        notes.push(
+            "the .mat of SPM in the folder of the header, with the position, is not read".into(),
+        );
     }
     Ok(Volume {
         size,

@@ -15,7 +15,7 @@ use std::collections::HashMap;
 pub(super) const MAGIC: &[u8] = b"NRRD000";
 
 /// Maximum number of bytes before voxels that are the last bytes of compressed data.
-const MOST_SKIPPED: usize = 1 << 26;
+const MAX_SKIPPED_BYTES: usize = 1 << 26;
 
 /// The fields and key/value pairs of a header.
 pub(super) struct Header {
@@ -217,7 +217,7 @@ impl Header {
                 Ok(all.split_off(skip))
             }
             None => {
-                let limit = bytes.saturating_add(MOST_SKIPPED) as u64;
+                let limit = bytes.saturating_add(MAX_SKIPPED_BYTES) as u64;
                 let mut all = packing
                     .take(block, limit)
                     .map_err(|e| format!("cannot decompress the voxels: {e}"))?;

@@ -13,7 +13,7 @@ pub(super) fn data_files(named: &str, fetch: Fetch) -> Option<Vec<String>> {
 }
 
 /// Maximum number of files of a pattern.
-const MOST_FILES: i64 = 100_000;
+const MAX_FILES: i64 = 100_000;
 
 /// Expands `NAME%03d FIRST LAST STEP` to file names.
 fn numbered(pattern: &str) -> Option<Vec<String>> {
@@ -33,7 +33,7 @@ fn numbered(pattern: &str) -> Option<Vec<String>> {
         width => width.parse().ok().filter(|w| *w < 20)?,
     };
     let count = last.checked_sub(first)?.checked_div(step)?;
-    if !(0..MOST_FILES).contains(&count) {
+    if !(0..MAX_FILES).contains(&count) {
         return None;
     }
     let named = |n: i64| {

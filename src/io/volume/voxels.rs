@@ -66,7 +66,7 @@ impl Packing {
 }
 
 /// Maximum number of bytes after the voxels (a line end, or padding) that go without a note.
-const MOST_PADDING: usize = 16;
+const MAX_PADDING_BYTES: usize = 16;
 
 /// Decompresses the first `wanted` bytes of `packed`. The allocation grows with the actual data, not
 /// with the stated size.
@@ -92,7 +92,7 @@ pub(super) fn unpack(
     [wanted, volume]: [usize; 2],
     notes: &mut Vec<String>,
 ) -> ParseResult<Vec<u8>> {
-    let limit = wanted.saturating_add(volume.max(MOST_PADDING + 1));
+    let limit = wanted.saturating_add(volume.max(MAX_PADDING_BYTES + 1));
     let mut bytes = match packing {
         Packing::Raw => packed[..packed.len().min(limit)].to_vec(),
         _ => packing
@@ -109,7 +109,7 @@ pub(super) fn unpack(
             header)"
         ));
     }
-    if more > MOST_PADDING {
+    if more > MAX_PADDING_BYTES {
         notes.push(format!("{more} bytes after the voxels are ignored"));
     }
     bytes.truncate(wanted);

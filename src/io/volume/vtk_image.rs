@@ -1,6 +1,6 @@
 //! Reader for VTK images: XML (`.vti`), and legacy files with `STRUCTURED_POINTS` (`.vtk`).
 //!
-//! Their coordinates are those of the meshes and surfaces that VTK writes beside them; they are
+//! Their coordinates are those of the meshes and surfaces that VTK writes with them; they are
 //! taken as RAS, in mm. Values at cells are voxels with their centres at those of the cells.
 
 use super::voxels::{decode, extent};

@@ -13,13 +13,13 @@ pub(super) struct SplitNodes {
 }
 
 /// Duplicates every node around which the faces `opened`, whose links have been removed, separate a
-/// fan of tets into several: the fan with the tet of lowest number keeps the node. Tets in `gone`
+/// fan of tets into several: the fan with the tet of lowest number keeps the node. Tets in `removed`
 /// are ignored.
 pub(super) fn split_nodes(
     mesh: &mut TetMesh,
     topology: &Topology,
     opened: &[[BoundaryFace; 2]],
-    gone: &[bool],
+    removed: &[bool],
 ) -> SplitNodes {
     let mut marked = vec![false; mesh.nodes.len()];
     for [face, _] in opened {
@@ -35,7 +35,7 @@ pub(super) fn split_nodes(
     let [mut after, mut whole] = join_corners(mesh, topology, opened, (&marked, &star));
     let mut fans: Vec<[u32; 3]> = Vec::new();
     for (s, tet) in before.iter().enumerate() {
-        if gone.get(star[s] as usize) == Some(&true) {
+        if removed.get(star[s] as usize) == Some(&true) {
             continue;
         }
         for (i, v) in tet.iter().enumerate().filter(|(_, v)| marked[**v as usize]) {
@@ -57,7 +57,7 @@ pub(super) fn split_nodes(
     }
     let mut fan_of = corners.iter();
     for (s, tet) in before.iter().enumerate() {
-        if gone.get(star[s] as usize) == Some(&true) {
+        if removed.get(star[s] as usize) == Some(&true) {
             continue;
         }
         for (i, _) in tet.iter().enumerate().filter(|(_, v)| marked[**v as usize]) {

@@ -66,7 +66,7 @@ pub(super) fn optimise(
         for some in bad.chunks(CANCEL_CHECK_INTERVAL) {
             part.check_cancelled()?;
             for t in some {
-                work.better(*t, &mut report);
+                work.improve_tet(*t, &mut report);
             }
         }
         bad = bad_tets(&work.nodes, &work.pieces);
@@ -94,7 +94,7 @@ fn bad_tets(nodes: &[DVec3], pieces: &[Piece]) -> Vec<u32> {
 
 impl EditableMesh<'_> {
     /// Applies operations to tet `t` until it is good enough or none improves it.
-    fn better(&mut self, t: u32, report: &mut OptimiserReport) {
+    fn improve_tet(&mut self, t: u32, report: &mut OptimiserReport) {
         for _ in 0..4 {
             if !self.is_bad(t) {
                 return;

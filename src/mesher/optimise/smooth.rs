@@ -50,13 +50,13 @@ impl EditableMesh<'_> {
                 let direction = DVec3::from([n % 3, n / 3 % 3, n / 9].map(|c| f64::from(c) - 1.0));
                 let to = here + direction.normalize() * (step * length);
                 let to = match &boundary {
-                    Some(boundary) => self.onto(boundary, to, &regions),
+                    Some(boundary) => self.project_to_boundary(boundary, to, &regions),
                     None => Some(to),
                 };
                 let Some(to) = to else { continue };
-                let least = self.worst_with(v, to, &star, best.0);
-                if least > best.0 {
-                    best = (least, Some(to));
+                let min_quality = self.min_quality_with(v, to, &star, best.0);
+                if min_quality > best.0 {
+                    best = (min_quality, Some(to));
                 }
             }
             if best.1.is_some() {
@@ -71,8 +71,8 @@ impl EditableMesh<'_> {
     }
 
     /// Returns the minimum quality around `v` if it were at `to`, or any number below `enough`.
-    fn worst_with(&self, v: u32, to: DVec3, star: &[u32], enough: f64) -> f64 {
-        let mut least = f64::INFINITY;
+    fn min_quality_with(&self, v: u32, to: DVec3, star: &[u32], enough: f64) -> f64 {
+        let mut min_quality = f64::INFINITY;
         for t in star {
             let tet = self.corners(*t);
             let mut at = self.positions(tet);
@@ -81,12 +81,12 @@ impl EditableMesh<'_> {
                     *position = to;
                 }
             }
-            least = least.min(quality(at));
-            if least <= enough {
+            min_quality = min_quality.min(quality(at));
+            if min_quality <= enough {
                 break;
             }
         }
-        least
+        min_quality
     }
 
     /// Returns the weight of the first region minus that of each other one at `p`; unused entries
@@ -122,7 +122,12 @@ impl EditableMesh<'_> {
     }
 
     /// Projects `p` onto the boundary; `None` if the iteration does not converge.
-    fn onto(&mut self, boundary: &Boundary, mut p: DVec3, regions: &[u16]) -> Option<DVec3> {
+    fn project_to_boundary(
+        &mut self,
+        boundary: &Boundary,
+        mut p: DVec3,
+        regions: &[u16],
+    ) -> Option<DVec3> {
         let near = MAX_BOUNDARY_DRIFT * self.edge;
         for _ in 0..3 {
             let off = boundary.back.mul_vec3(self.gaps(p, regions));

@@ -71,7 +71,7 @@ pub(in crate::physics) struct FrictionMollifier {
     /// The first derivative divided by v.
     pub slope_over_speed: f64,
     /// The second derivative.
-    pub bend: f64,
+    pub second_derivative: f64,
 }
 
 /// Lower bound of the tangential stiffness of sliding contacts, over that of sticking ones, in
@@ -79,26 +79,26 @@ pub(in crate::physics) struct FrictionMollifier {
 const MIN_SLIDING_STIFFNESS_RATIO: f64 = 0.1;
 
 impl FrictionMollifier {
-    /// Evaluates the mollifier at the speed `v`, with the threshold speed ε = `least`.
-    pub fn at(v: f64, least: f64) -> FrictionMollifier {
-        let y = v / least;
+    /// Evaluates the mollifier at the speed `v`, with the threshold speed ε = `static_speed`.
+    pub fn at(v: f64, static_speed: f64) -> FrictionMollifier {
+        let y = v / static_speed;
         if y >= 1.0 {
             return FrictionMollifier {
                 value: v,
                 slope_over_speed: 1.0 / v,
-                bend: 0.0,
+                second_derivative: 0.0,
             };
         }
         FrictionMollifier {
-            value: least * (y * y - y * y * y / 3.0 + 1.0 / 3.0),
-            slope_over_speed: (2.0 - y) / least,
-            bend: (2.0 - 2.0 * y) / least,
+            value: static_speed * (y * y - y * y * y / 3.0 + 1.0 / 3.0),
+            slope_over_speed: (2.0 - y) / static_speed,
+            second_derivative: (2.0 - 2.0 * y) / static_speed,
         }
     }
 
     /// The second derivative, bounded below so that the Hessian is positive definite.
     pub fn projected_hessian(&self) -> f64 {
-        self.bend
+        self.second_derivative
             .max(MIN_SLIDING_STIFFNESS_RATIO * self.slope_over_speed)
     }
 }
@@ -114,13 +114,16 @@ mod tests {
         for x in at {
             let h = 1e-6 * x;
             let ([low, s, _], [high, t, _]) = (f(x - h), f(x + h));
-            let [_, slope, bend] = f(*x);
+            let [_, slope, second_derivative] = f(*x);
             let (by_value, by_slope) = ((high - low) / (2.0 * h), (t - s) / (2.0 * h));
             assert!(
                 (by_value - slope).abs() < 1e-6 * slope.abs().max(1e-3),
                 "{x}"
             );
-            assert!((by_slope - bend).abs() < 1e-6 * bend.abs().max(1e-3), "{x}");
+            assert!(
+                (by_slope - second_derivative).abs() < 1e-6 * second_derivative.abs().max(1e-3),
+                "{x}"
+            );
         }
     }
 
@@ -133,7 +136,7 @@ mod tests {
         check(&barrier, &[1e-3, 0.1, 0.3, 0.5, 0.9, 0.999, 1.5]);
         let slip = |v: f64| {
             let s = FrictionMollifier::at(v, 0.2);
-            [s.value, s.slope_over_speed * v, s.bend]
+            [s.value, s.slope_over_speed * v, s.second_derivative]
         };
         let between = |g: f64| {
             let b = Barrier::unclamped(g);

@@ -5,7 +5,7 @@ use crate::mesh::closest_point_weights;
 use glam::DVec3;
 
 /// Maximum number of conservative advancement iterations per pair.
-const MAX_CCD_ITERATIONS: usize = 64;
+const MAX_PAIR_CCD_ITERATIONS: usize = 64;
 
 /// Fraction of its distance that a pair keeps during a motion.
 pub(in crate::physics) const MIN_DISTANCE_RATIO: f64 = 0.2;
@@ -84,7 +84,7 @@ impl PrimitivePair {
         let least = kept * distance;
         let start = distance - least;
         let (mut t, mut free) = (0.0, start);
-        for _ in 0..MAX_CCD_ITERATIONS {
+        for _ in 0..MAX_PAIR_CCD_ITERATIONS {
             if (1.0 - t) * approach <= free {
                 return 1.0;
             }

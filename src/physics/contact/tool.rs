@@ -20,32 +20,44 @@ pub struct ToolPose {
 }
 
 impl ToolPose {
-    /// A pose at `place`, rotated by `turn`.
-    pub fn new(place: DVec3, turn: DQuat) -> ToolPose {
+    /// A pose at `position`, rotated by `rotation`.
+    pub fn new(position: DVec3, rotation: DQuat) -> ToolPose {
         ToolPose {
-            position: place.to_array(),
-            rotation: turn.normalize().to_array(),
+            position: position.to_array(),
+            rotation: rotation.normalize().to_array(),
         }
     }
 
     /// The origin of its shape, in file units.
-    pub fn place(&self) -> DVec3 {
+    pub fn position(&self) -> DVec3 {
         self.position.into()
     }
 
     /// The rotation.
-    pub fn turn(&self) -> DQuat {
+    pub fn rotation(&self) -> DQuat {
         DQuat::from_array(self.rotation)
+    }
+
+    /// As [`ToolPose::position`]; for callers that still use this name.
+    #[doc(hidden)]
+    pub fn place(&self) -> DVec3 {
+        self.position()
+    }
+
+    /// As [`ToolPose::rotation`]; for callers that still use this name.
+    #[doc(hidden)]
+    pub fn turn(&self) -> DQuat {
+        self.rotation()
     }
 
     /// Transforms a point from the frame of the tool's shape to world coordinates.
     pub fn transform_point(&self, p: DVec3) -> DVec3 {
-        self.place() + self.turn() * p
+        self.position() + self.rotation() * p
     }
 
     fn is_finite(&self) -> bool {
-        let turn = self.turn();
-        self.place().is_finite() && turn.is_finite() && turn.length() > 0.0
+        let rotation = self.rotation();
+        self.position().is_finite() && rotation.is_finite() && rotation.length() > 0.0
     }
 }
 
@@ -131,10 +143,10 @@ impl Tool {
         pose: &ToolPose,
         nodes: impl IntoIterator<Item = DVec3>,
     ) -> Penetration {
-        let back = pose.turn().inverse();
+        let back = pose.rotation().inverse();
         let mut found = Penetration::default();
         for p in nodes {
-            let distance = self.shape.distance(back * (p - pose.place()));
+            let distance = self.shape.distance(back * (p - pose.position()));
             if distance < 0.0 {
                 found.nodes += 1;
                 found.depth = found.depth.max(-distance);

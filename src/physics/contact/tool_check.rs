@@ -59,7 +59,7 @@ impl Tool {
         (x, fixed): (&[DVec3], &[bool]),
         touches: bool,
     ) -> Option<ToolProblem> {
-        let centre = pose.place();
+        let centre = pose.position();
         let solid = self.shape.distance(DVec3::ZERO) < 0.0;
         let at = |v: u32| x[v as usize];
         if solid && mesh.tets.iter().any(|t| contains(t.map(at), centre)) {
@@ -87,9 +87,9 @@ impl Tool {
         (mesh, topology): (&TetMesh, &Topology),
         x: &[DVec3],
     ) -> Option<f64> {
-        let back = pose.turn().inverse();
+        let back = pose.rotation().inverse();
         let near = |p: &DVec3| {
-            self.shape.distance(back * (*p - pose.place())) < self.shape.half_thickness()
+            self.shape.distance(back * (*p - pose.position())) < self.shape.half_thickness()
         };
         let (mut sum, mut count) = (0.0, 0.0);
         for face in &topology.boundary {

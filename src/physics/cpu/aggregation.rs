@@ -37,14 +37,14 @@ fn bisect(points: &[DVec3], nodes: &mut [u32], most: usize, starts: &mut Vec<usi
     }
     let groups = nodes.len().div_ceil(most);
     let half = nodes.len() * (groups / 2) / groups;
-    let (left, right) = halves(points, nodes, half);
+    let (left, right) = median_split(points, nodes, half);
     bisect(points, left, most, starts);
     bisect(points, right, most, starts);
 }
 
 fn bisect_within(points: &[DVec3], nodes: &mut [u32]) {
     if nodes.len() > 2 {
-        let (left, right) = halves(points, nodes, nodes.len() / 2);
+        let (left, right) = median_split(points, nodes, nodes.len() / 2);
         bisect_within(points, left);
         bisect_within(points, right);
     }
@@ -52,7 +52,7 @@ fn bisect_within(points: &[DVec3], nodes: &mut [u32]) {
 
 /// Splits the nodes by a plane across the longest side of their bounds: `half` on one side, and the
 /// rest.
-fn halves<'a>(
+fn median_split<'a>(
     points: &[DVec3],
     nodes: &'a mut [u32],
     half: usize,

@@ -5,6 +5,7 @@ mod aggregation;
 mod body;
 mod contact;
 mod elements;
+mod external_loads;
 mod grid;
 mod implicit;
 mod linear;

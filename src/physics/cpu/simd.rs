@@ -21,7 +21,7 @@ pub trait Lane:
     const OFF_DIAGONAL_TOLERANCE: f64;
     /// Square of the cosine below which vectors are orthogonal up to rounding.
     const ORTHOGONALITY_TOLERANCE: f64;
-    /// Square of a value negligible beside 1.
+    /// Square of a value negligible relative to 1.
     const TINY: f64;
     /// Broadcasts `x` to all lanes.
     fn splat(x: f64) -> Self;

@@ -24,9 +24,9 @@ pub(in crate::physics) mod gpu_data {
     crate::gpu_struct! {
         /// See `shaders/lib/tool.wgsl`.
         pub struct Tool {
-            pub shape: [f32; 4],
-            pub numbers: [f32; 4],
-            pub limits: [f32; 4],
+            pub dimensions: [f32; 4],
+            pub contact_parameters: [f32; 4],
+            pub motion_limits: [f32; 4],
             pub low: [f32; 4],
             pub grid: [u32; 4],
             pub start_position: [f32; 4],
@@ -95,10 +95,10 @@ const MAX_STAGE_STEP: f64 = 0.5;
 pub(in crate::physics) struct GpuContact {
     gpu: Gpu,
     hull: BoundarySurface,
-    known: Vec<ToolRecord>,
+    records: Vec<ToolRecord>,
     pub tools: wgpu::Buffer,
     pub fields: wgpu::Buffer,
-    pub pushing: wgpu::Buffer,
+    pub contact_state: wgpu::Buffer,
     pub corners: Array,
     pub face_weights: Array,
     pub boundary_nodes: Array,
@@ -107,9 +107,9 @@ pub(in crate::physics) struct GpuContact {
     pub faces: Array,
     pub node_contributions: Array,
     /// The speed threshold ε of static friction.
-    pub least_speed: f64,
+    pub static_friction_speed: f64,
     /// The initial activation distance of moving tools.
-    pub wide: f64,
+    pub initial_activation_distance: f64,
 }
 
 /// A tool as given, its shape in local units, and its teleport count.
@@ -118,13 +118,13 @@ struct ToolRecord {
     shape: Shape,
     friction: f64,
     gap: f64,
-    jumps: u64,
+    teleport_count: u64,
 }
 
 impl std::fmt::Debug for GpuContact {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("GpuContact")
-            .field("tools", &self.known)
+            .field("tools", &self.records)
             .finish_non_exhaustive()
     }
 }
@@ -141,7 +141,7 @@ struct Lists {
 impl Lists {
     fn new(hull: &BoundarySurface, ends: &[[u32; 2]]) -> Lists {
         let mut around: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-        let mut beside: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
+        let mut edge_sides: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
         let mut corners = Vec::with_capacity(hull.faces.len());
         for (f, (face, _)) in hull.faces.iter().enumerate() {
             let mut longest = 0.0f64;
@@ -149,7 +149,10 @@ impl Lists {
                 let (a, b) = (face[c], face[(c + 1) % 3]);
                 let number = (3 * f + c) as u32;
                 around.entry(a).or_default().push(number);
-                beside.entry([a.min(b), a.max(b)]).or_default().push(number);
+                edge_sides
+                    .entry([a.min(b), a.max(b)])
+                    .or_default()
+                    .push(number);
                 longest = longest.max(hull.rest[a as usize].distance(hull.rest[b as usize]));
             }
             corners.push([face[0], face[1], face[2], (longest as f32).to_bits()]);
@@ -166,16 +169,16 @@ impl Lists {
             sides: Vec::new(),
         };
         for (node, weight) in &hull.nodes {
-            let own = around.get(node).map_or(&[][..], Vec::as_slice);
+            let entries = around.get(node).map_or(&[][..], Vec::as_slice);
             let first = lists.around.len() as u32;
             let bits = (*weight as f32).to_bits();
-            lists.nodes.push([*node, first, own.len() as u32, bits]);
-            lists.around.extend(own);
+            lists.nodes.push([*node, first, entries.len() as u32, bits]);
+            lists.around.extend(entries);
         }
         let side = |[a, b]: &[u32; 2]| {
-            let own = beside.get(&[*a.min(b), *a.max(b)]);
-            let own = own.map_or(&[][..], Vec::as_slice);
-            [0, 1].map(|s| own.get(s).copied().unwrap_or(NO_FACE))
+            let entries = edge_sides.get(&[*a.min(b), *a.max(b)]);
+            let entries = entries.map_or(&[][..], Vec::as_slice);
+            [0, 1].map(|s| entries.get(s).copied().unwrap_or(NO_FACE))
         };
         lists.sides = ends.iter().map(side).collect();
         lists
@@ -211,27 +214,30 @@ impl GpuContact {
     ) -> Result<GpuContact> {
         let hull = boundary_surface(network, faces, units);
         let unit = network.length_unit / units.length;
-        let known = tools.iter().zip(loads.tools()).map(|(tool, (_, jumps))| {
-            let shape = tool.shape.with_scale(unit);
-            ToolRecord {
-                gap: tool_gap(tool, &shape, hull.edge, unit),
-                friction: tool.friction,
-                jumps: *jumps,
-                shape,
-            }
-        });
-        let known: Vec<ToolRecord> = known.collect();
+        let records = tools
+            .iter()
+            .zip(loads.tools())
+            .map(|(tool, (_, teleport_count))| {
+                let shape = tool.shape.with_scale(unit);
+                ToolRecord {
+                    gap: tool_gap(tool, &shape, hull.edge, unit),
+                    friction: tool.friction,
+                    teleport_count: *teleport_count,
+                    shape,
+                }
+            });
+        let records: Vec<ToolRecord> = records.collect();
         let lists = Lists::new(&hull, elements.ends());
         let (mut data, mut values) = (Vec::new(), Vec::new());
-        for (known, (pose, _)) in known.iter().zip(loads.tools()) {
-            let at = placed(loads, pose);
-            data.push(tool_data(known, hull.edge, at, &mut values));
+        for (tool, (pose, _)) in records.iter().zip(loads.tools()) {
+            let at = gpu_pose(loads, pose);
+            data.push(tool_data(tool, hull.edge, at, &mut values));
         }
         let nodes = network.rest_positions.len();
         Ok(GpuContact {
             tools: gpu.buffer_of("tools", &data)?,
             fields: gpu.buffer_of("distances", &values)?,
-            pushing: gpu.buffer_of(
+            contact_state: gpu.buffer_of(
                 "tool parameters",
                 &[<gpu_data::ContactStepState as bytemuck::Zeroable>::zeroed()],
             )?,
@@ -243,40 +249,41 @@ impl GpuContact {
             faces: gpu.array("face contact", Texel::F32x4, FACE_TEXELS * hull.faces.len())?,
             node_contributions: gpu.array("node contact", Texel::F32x4, NODE_TEXELS * nodes)?,
             gpu: gpu.clone(),
-            least_speed: STATIC_FRICTION_SPEED * units.time,
-            wide: INITIAL_ACTIVATION_DISTANCE * hull.edge,
-            known,
+            static_friction_speed: STATIC_FRICTION_SPEED * units.time,
+            initial_activation_distance: INITIAL_ACTIVATION_DISTANCE * hull.edge,
+            records,
             hull,
         })
     }
 
     /// Whether any tool has friction.
     pub fn has_friction(&self) -> bool {
-        self.known.iter().any(|tool| tool.friction > 0.0)
+        self.records.iter().any(|tool| tool.friction > 0.0)
     }
 
     /// Sets the tool targets at the end of the next step, and teleports tools whose count changed.
     pub fn set_tool_targets(&mut self, loads: &Loads) {
-        for (k, (pose, jumps)) in loads.tools().iter().enumerate() {
-            let Some(known) = self.known.get_mut(k) else {
+        for (k, (pose, teleport_count)) in loads.tools().iter().enumerate() {
+            let Some(tool) = self.records.get_mut(k) else {
                 return;
             };
-            let jumped = std::mem::replace(&mut known.jumps, *jumps) != *jumps;
-            self.put(k, placed(loads, pose), jumped);
+            let teleports =
+                std::mem::replace(&mut tool.teleport_count, *teleport_count) != *teleport_count;
+            self.write_pose(k, gpu_pose(loads, pose), teleports);
         }
     }
 
     /// Puts the tools at their targets, as needed after restoring a state.
     pub fn reset_tools(&mut self, loads: &Loads) {
-        for (k, (pose, jumps)) in loads.tools().iter().enumerate() {
-            if let Some(known) = self.known.get_mut(k) {
-                known.jumps = *jumps;
-                self.put(k, placed(loads, pose), true);
+        for (k, (pose, teleport_count)) in loads.tools().iter().enumerate() {
+            if let Some(tool) = self.records.get_mut(k) {
+                tool.teleport_count = *teleport_count;
+                self.write_pose(k, gpu_pose(loads, pose), true);
             }
         }
     }
 
-    fn put(&self, k: usize, at: [[f32; 4]; 2], jumps: bool) {
+    fn write_pose(&self, k: usize, at: [[f32; 4]; 2], teleports: bool) {
         use std::mem::offset_of;
         let first = k * size_of::<gpu_data::Tool>();
         let write = |offset: usize| {
@@ -285,7 +292,7 @@ impl GpuContact {
             self.gpu.queue().write_buffer(&self.tools, at, bytes);
         };
         write(offset_of!(gpu_data::Tool, target_position));
-        if jumps {
+        if teleports {
             write(offset_of!(gpu_data::Tool, start_position));
             write(offset_of!(gpu_data::Tool, accepted_position));
         }
@@ -304,18 +311,18 @@ impl GpuContact {
         time: f64,
     ) -> Result<Vec<[DVec3; 2]>> {
         let tools: Vec<gpu_data::Tool> = self.gpu.read_buffer(&self.tools)?;
-        let wide = |x: [f32; 4]| x.map(f64::from);
+        let widen = |x: [f32; 4]| x.map(f64::from);
         let paths: Vec<ToolMotion> = tools
             .iter()
             .map(|tool| ToolMotion {
-                from: [wide(tool.start_position), wide(tool.start_rotation)],
-                to: [wide(tool.accepted_position), wide(tool.accepted_rotation)],
+                from: [widen(tool.start_position), widen(tool.start_rotation)],
+                to: [widen(tool.accepted_position), widen(tool.accepted_rotation)],
             })
             .collect();
         let u = self.displacements(positions);
         let v: Vec<[f64; 4]> = velocities
             .iter()
-            .map(|v| wide([v[0], v[1], v[2], 0.0]))
+            .map(|v| widen([v[0], v[1], v[2], 0.0]))
             .collect();
         let free = masses.iter().map(|m| f64::from(u8::from(m[1] != 0.0)));
         let free: Vec<f64> = free.collect();
@@ -324,11 +331,12 @@ impl GpuContact {
 
     /// The same tools and boundary in float64.
     pub fn reference(&self) -> ReferenceToolContact {
-        let mut plain = ReferenceToolContact::new(self.hull.clone(), self.least_speed);
-        for known in &self.known {
-            plain.add(known.shape.clone(), known.friction, known.gap);
+        let mut reference =
+            ReferenceToolContact::new(self.hull.clone(), self.static_friction_speed);
+        for tool in &self.records {
+            reference.add(tool.shape.clone(), tool.friction, tool.gap);
         }
-        plain
+        reference
     }
 
     /// Displacements of nodes at local positions from their rest positions.
@@ -347,68 +355,68 @@ impl GpuContact {
 }
 
 /// Position and rotation of a pose in the GPU's format.
-fn placed(loads: &Loads, pose: &ToolPose) -> [[f32; 4]; 2] {
+fn gpu_pose(loads: &Loads, pose: &ToolPose) -> [[f32; 4]; 2] {
     let (frame, _) = loads.frame_and_unit();
-    let place = frame.to_local(pose.place());
-    let turn = pose.turn().normalize().to_array();
-    [place.extend(0.0).to_array(), turn.map(|x| x as f32)]
+    let position = frame.to_local(pose.position());
+    let rotation = pose.rotation().normalize().to_array();
+    [position.extend(0.0).to_array(), rotation.map(|x| x as f32)]
 }
 
 /// The data of a tool in its pose; appends the values of its distance field to those of the others.
 fn tool_data(
-    known: &ToolRecord,
+    tool: &ToolRecord,
     edge: f64,
-    [place, turn]: [[f32; 4]; 2],
+    [position, rotation]: [[f32; 4]; 2],
     values: &mut Vec<f32>,
 ) -> gpu_data::Tool {
-    let shape = &known.shape;
+    let shape = &tool.shape;
     // Planes have infinite values here.
-    let most = |x: f64| x.min(f64::from(f32::MAX)) as f32;
+    let clamp_to_f32 = |x: f64| x.min(f64::from(f32::MAX)) as f32;
     let (mut low, mut grid) = ([0.0; 4], [0; 4]);
-    let numbers = match shape {
+    let dimensions = match shape {
         Shape::Sphere { radius } => [*radius, 0.0, 0.0, 0.0],
         Shape::Capsule { radius, length } => [*radius, 0.5 * length, 0.0, 1.0],
         Shape::Box { half } => [half.x, half.y, half.z, 2.0],
         Shape::Plane => [0.0, 0.0, 0.0, 3.0],
         Shape::Sdf(field) => {
-            let (first, counts, own, unit) = field.grid();
+            let (first, counts, entries, unit) = field.grid();
             low = [first.x, first.y, first.z, field.spacing()].map(|x| x as f32);
             let [x, y, z] = counts.map(|n| n as u32);
             grid = [x, y, z, values.len() as u32];
-            values.extend(own.iter().map(|v| *v as f32));
+            values.extend(entries.iter().map(|v| *v as f32));
             [unit, 0.0, 0.0, 4.0]
         }
     };
-    let stride = MAX_STAGE_STEP * edge.min(shape.half_thickness());
+    let stage_step = MAX_STAGE_STEP * edge.min(shape.half_thickness());
     let half = shape.half_thickness();
     gpu_data::Tool {
-        shape: numbers.map(|x| x as f32),
-        numbers: [
-            known.friction as f32,
-            known.gap as f32,
-            most(half),
-            most(shape.feature_size()),
+        dimensions: dimensions.map(|x| x as f32),
+        contact_parameters: [
+            tool.friction as f32,
+            tool.gap as f32,
+            clamp_to_f32(half),
+            clamp_to_f32(shape.feature_size()),
         ],
-        limits: [
+        motion_limits: [
             (MAX_PENETRATION_RATIO * shape.feature_size().min(edge)) as f32,
-            stride as f32,
-            most(shape.bounding_radius()),
+            stage_step as f32,
+            clamp_to_f32(shape.bounding_radius()),
             0.0,
         ],
         low,
         grid,
-        start_position: place,
-        start_rotation: turn,
-        target_position: place,
-        target_rotation: turn,
-        current_position: place,
-        current_rotation: turn,
-        previous_position: place,
-        previous_rotation: turn,
-        friction_position: place,
-        friction_rotation: turn,
-        accepted_position: place,
-        accepted_rotation: turn,
+        start_position: position,
+        start_rotation: rotation,
+        target_position: position,
+        target_rotation: rotation,
+        current_position: position,
+        current_rotation: rotation,
+        previous_position: position,
+        previous_rotation: rotation,
+        friction_position: position,
+        friction_rotation: rotation,
+        accepted_position: position,
+        accepted_rotation: rotation,
     }
 }
 

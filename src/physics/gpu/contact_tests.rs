@@ -190,13 +190,13 @@ fn at_the_end(gpu: &Gpu, body: &GpuBody) {
     }
     let bytes = bytemuck::cast_slice(&tools);
     gpu.queue().write_buffer(&contact.tools, 0, bytes);
-    let pushing = ContactStepState {
+    let state = ContactStepState {
         stage: 1,
         stages: 1,
         ..ContactStepState::zeroed()
     };
-    let bytes = bytemuck::bytes_of(&pushing);
-    gpu.queue().write_buffer(&contact.pushing, 0, bytes);
+    let bytes = bytemuck::bytes_of(&state);
+    gpu.queue().write_buffer(&contact.contact_state, 0, bytes);
 }
 
 fn timing(body: &GpuBody) -> Timing {
@@ -375,7 +375,7 @@ fn collision_free_fraction_matches_float64() {
         let at = truth(&gpu, &body);
         let h = f64::from(with.dt);
         // Upwards, so that some points would pass through.
-        let ways: Vec<[f32; 4]> = vectors(at.u.len(), seed + 3, 0.05 / h)
+        let directions: Vec<[f32; 4]> = vectors(at.u.len(), seed + 3, 0.05 / h)
             .iter()
             .zip(&at.free)
             .map(|(p, free)| {
@@ -383,7 +383,8 @@ fn collision_free_fraction_matches_float64() {
                 p.as_vec3().extend(0.0).to_array()
             })
             .collect();
-        gpu.write_array(&with.start.velocities, &ways).unwrap();
+        gpu.write_array(&with.start.velocities, &directions)
+            .unwrap();
         gpu.write_array(&solver.core.next_velocities, &velocities(&gpu, &body))
             .unwrap();
         let mut work = gpu.start_recording();
@@ -392,16 +393,20 @@ fn collision_free_fraction_matches_float64() {
         let parts: Vec<[f32; 2]> = gpu.read_buffer(&steps.step_bounds).unwrap();
         let found = parts.iter().map(|p| f64::from(p[0])).fold(1.0, f64::min);
         let start = moved(&at.u, &at.v, h);
-        let ways: Vec<[f64; 4]> = ways.iter().map(wide).collect();
-        let end = moved(&start, &ways, h);
+        let directions: Vec<[f64; 4]> = directions.iter().map(wide).collect();
+        let end = moved(&start, &directions, h);
         let contact = body.contact.as_ref().unwrap();
-        let way = contact
-            .reference()
-            .collision_free_fraction([&start, &end], &at.free, &at.paths);
-        assert!(way > 0.0 && way < 0.9, "{shape:?}: {way}");
-        assert!((found - way).abs() < 2e-4, "{shape:?}: {found} {way}");
+        let expected =
+            contact
+                .reference()
+                .collision_free_fraction([&start, &end], &at.free, &at.paths);
+        assert!(expected > 0.0 && expected < 0.9, "{shape:?}: {expected}");
+        assert!(
+            (found - expected).abs() < 2e-4,
+            "{shape:?}: {found} {expected}"
+        );
         // Sensitivity check of the comparison.
-        let end = moved(&start, &ways, 1.1 * h);
+        let end = moved(&start, &directions, 1.1 * h);
         let other =
             contact
                 .reference()

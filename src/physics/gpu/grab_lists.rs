@@ -11,13 +11,13 @@ use crate::physics::loads::grab::GrabMode;
 mod gpu_data {
     crate::gpu_struct! {
         /// See `shaders/physics/prescribed_positions.wgsl`.
-        pub struct HoldParams {
+        pub struct PrescribedPositionsParams {
             pub count: u32,
         }
     }
     crate::gpu_struct! {
         /// See `shaders/physics/grab_springs.wgsl`.
-        pub struct DrawParams {
+        pub struct GrabSpringParams {
             pub count: u32,
         }
     }
@@ -28,8 +28,8 @@ mod gpu_data {
 pub(in crate::physics) struct GrabLists {
     /// Versions of grabs and forces.
     pub source_versions: [u64; 2],
-    held: Option<[Array; 2]>,
-    drawn: Option<[Array; 3]>,
+    prescribed: Option<[Array; 2]>,
+    grab_springs: Option<[Array; 3]>,
 }
 
 impl GrabLists {
@@ -37,23 +37,23 @@ impl GrabLists {
     pub fn new(gpu: &Gpu, loads: &Loads, w: impl Fn(usize) -> f32) -> Result<GrabLists> {
         let frame = loads.frame();
         let length = frame.scale * loads.length_unit();
-        let (mut held, mut places) = (Vec::new(), Vec::new());
-        let (mut drawn, mut targets, mut forces) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut prescribed, mut prescribed_targets) = (Vec::new(), Vec::new());
+        let (mut grab_springs, mut targets, mut forces) = (Vec::new(), Vec::new(), Vec::new());
         for grab in loads.grabs.iter() {
             for (i, offset) in grab.nodes.iter().zip(&grab.offsets) {
-                let place = frame.to_local(grab.target + *offset);
+                let target_position = frame.to_local(grab.target + *offset);
                 match grab.grip {
                     GrabMode::Follow => {
-                        held.push(*i);
-                        places.push(place.extend(w(*i as usize)).to_array());
+                        prescribed.push(*i);
+                        prescribed_targets.push(target_position.extend(w(*i as usize)).to_array());
                     }
                     GrabMode::Spring { stiffness, limit } => {
-                        let share = grab.nodes.len() as f64;
+                        let node_count = grab.nodes.len() as f64;
                         let force = loads.forces()[*i as usize].as_vec3();
-                        drawn.push(*i);
-                        let pull = (stiffness / share * length) as f32;
-                        targets.push(place.extend(pull).to_array());
-                        forces.push(force.extend((limit / share) as f32).to_array());
+                        grab_springs.push(*i);
+                        let spring_stiffness = (stiffness / node_count * length) as f32;
+                        targets.push(target_position.extend(spring_stiffness).to_array());
+                        forces.push(force.extend((limit / node_count) as f32).to_array());
                     }
                 }
             }
@@ -61,17 +61,21 @@ impl GrabLists {
         let versions = loads.versions;
         Ok(GrabLists {
             source_versions: [versions.grabs, versions.forces],
-            held: match held.is_empty() {
+            prescribed: match prescribed.is_empty() {
                 true => None,
                 false => Some([
-                    gpu.array_of("constrained nodes", Texel::U32, &held)?,
-                    gpu.array_of("positions of constrained nodes", Texel::F32x4, &places)?,
+                    gpu.array_of("constrained nodes", Texel::U32, &prescribed)?,
+                    gpu.array_of(
+                        "positions of constrained nodes",
+                        Texel::F32x4,
+                        &prescribed_targets,
+                    )?,
                 ]),
             },
-            drawn: match drawn.is_empty() {
+            grab_springs: match grab_springs.is_empty() {
                 true => None,
                 false => Some([
-                    gpu.array_of("target spring nodes", Texel::U32, &drawn)?,
+                    gpu.array_of("target spring nodes", Texel::U32, &grab_springs)?,
                     gpu.array_of("target spring positions", Texel::F32x4, &targets)?,
                     gpu.array_of("target spring loads", Texel::F32x4, &forces)?,
                 ]),
@@ -81,47 +85,47 @@ impl GrabLists {
 
     /// Whether there are spring grabs.
     pub fn has_springs(&self) -> bool {
-        self.drawn.is_some()
+        self.grab_springs.is_some()
     }
 
     /// The pass that sets followed nodes to their targets.
-    pub fn hold_pass(&self, gpu: &Gpu, positions: &Array) -> Result<Option<Pass>> {
-        let Some([numbers, places]) = &self.held else {
+    pub fn prescribed_positions_pass(&self, gpu: &Gpu, positions: &Array) -> Result<Option<Pass>> {
+        let Some([node_indices, prescribed_targets]) = &self.prescribed else {
             return Ok(None);
         };
         let pass = gpu
             .pass("physics/prescribed_positions")
-            .read(numbers)
-            .read(places)
+            .read(node_indices)
+            .read(prescribed_targets)
             .write(positions)
-            .params(&gpu_data::HoldParams {
-                count: numbers.len(),
+            .params(&gpu_data::PrescribedPositionsParams {
+                count: node_indices.len(),
             })
-            .dispatch_items(numbers.len())?;
+            .dispatch_items(node_indices.len())?;
         Ok(Some(pass))
     }
 
     /// The pass that adds the spring forces at `positions` to the external forces.
-    pub fn draw_pass(
+    pub fn grab_springs_pass(
         &self,
         gpu: &Gpu,
         positions: &Array,
         external: &Array,
     ) -> Result<Option<Pass>> {
-        let Some([numbers, targets, loads]) = &self.drawn else {
+        let Some([node_indices, targets, loads]) = &self.grab_springs else {
             return Ok(None);
         };
         let pass = gpu
             .pass("physics/grab_springs")
             .read(positions)
-            .read(numbers)
+            .read(node_indices)
             .read(targets)
             .read(loads)
             .write(external)
-            .params(&gpu_data::DrawParams {
-                count: numbers.len(),
+            .params(&gpu_data::GrabSpringParams {
+                count: node_indices.len(),
             })
-            .dispatch_items(numbers.len())?;
+            .dispatch_items(node_indices.len())?;
         Ok(Some(pass))
     }
 }

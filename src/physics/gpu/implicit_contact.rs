@@ -24,19 +24,19 @@ mod gpu_data {
         pub struct ContactParams {
             pub items: u32,
             pub dt: f32,
-            pub least_speed: f32,
+            pub static_friction_speed: f32,
             pub _pad0: u32,
         }
     }
     crate::gpu_struct! {
         /// See `shaders/physics/contact_step_start.wgsl`.
         pub struct InitParams {
-            pub wide: f32,
+            pub initial_activation_distance: f32,
         }
     }
     crate::gpu_struct! {
         /// See `shaders/physics/contact_solve_gate.wgsl`.
-        pub struct TurnParams {
+        pub struct SolveGateParams {
             pub max_iterations: u32,
         }
     }
@@ -48,7 +48,7 @@ mod gpu_data {
     }
     crate::gpu_struct! {
         /// See `shaders/physics/contact_ccd.wgsl`.
-        pub struct WayParams {
+        pub struct CcdParams {
             pub faces: u32,
             pub dt: f32,
         }
@@ -79,7 +79,7 @@ mod gpu_data {
     }
     crate::gpu_struct! {
         /// See `shaders/physics/contact_accept.wgsl`.
-        pub struct TakeParams {
+        pub struct AcceptParams {
             pub nodes: u32,
         }
     }
@@ -87,13 +87,13 @@ mod gpu_data {
         /// See `shaders/physics/contact_convergence.wgsl`.
         pub struct ConvergenceParams {
             pub groups: u32,
-            pub rubs: u32,
+            pub has_friction: u32,
         }
     }
 }
 use gpu_data::{
-    ContactParams, ConvergenceParams, DirectionParams, InitParams, LineSearchParams, SlopeParams,
-    TakeParams, TrialParams, TurnParams, WayParams,
+    AcceptParams, CcdParams, ContactParams, ConvergenceParams, DirectionParams, InitParams,
+    LineSearchParams, SlopeParams, SolveGateParams, TrialParams,
 };
 
 /// Arrays and passes of tool contact in a step.
@@ -167,17 +167,18 @@ impl<'a> ContactContext<'a> {
         let params = |items: &Array| ContactParams {
             items: items.len(),
             dt: self.dt,
-            least_speed: contact.least_speed as f32,
+            static_friction_speed: contact.static_friction_speed as f32,
             _pad0: 0,
         };
-        let (of_faces, of_nodes) = (params(&contact.corners), params(&contact.boundary_nodes));
+        let (face_params, node_params) =
+            (params(&contact.corners), params(&contact.boundary_nodes));
         let pass = self.bind(self.core.gpu.pass("physics/contact_faces"));
         let faces = pass
             .read(velocities)
             .read(&self.start.velocities)
             .read(&steps.friction_velocities)
-            .read(&contact.pushing)
-            .params(&of_faces)
+            .read(&contact.contact_state)
+            .params(&face_params)
             .read(&contact.corners)
             .read(&contact.face_weights)
             .write(&contact.faces)
@@ -187,8 +188,8 @@ impl<'a> ContactContext<'a> {
             .read(velocities)
             .read(&self.start.velocities)
             .read(&steps.friction_velocities)
-            .read(&contact.pushing)
-            .params(&of_nodes)
+            .read(&contact.contact_state)
+            .params(&node_params)
             .read(&contact.boundary_nodes)
             .read(&contact.around_nodes)
             .read(&contact.faces)
@@ -206,7 +207,10 @@ impl ContactPasses {
             contact.node_contributions.len() as usize / NODE_TEXELS,
         );
         let vector = |label| gpu.array(label, Texel::F32x4, nodes);
-        debug_assert_eq!(contact.pushing.size(), size_of::<ContactStepState>() as u64);
+        debug_assert_eq!(
+            contact.contact_state.size(),
+            size_of::<ContactStepState>() as u64
+        );
         Ok(ContactPasses {
             trial_positions: vector("trial positions")?,
             trial_velocities: vector("trial velocities")?,
@@ -221,9 +225,9 @@ impl ContactPasses {
         let pass = with.core.gpu.pass("physics/contact_step_start");
         pass.write(&with.contact.tools)
             .read(&with.core.status)
-            .write(&with.contact.pushing)
+            .write(&with.contact.contact_state)
             .params(&InitParams {
-                wide: with.contact.wide as f32,
+                initial_activation_distance: with.contact.initial_activation_distance as f32,
             })
             .dispatch_items(1)
     }
@@ -258,13 +262,13 @@ impl ContactPasses {
         begin: &Pass,
     ) -> Result<Vec<Pass>> {
         let (core, contact) = (with.core, with.contact);
-        let turn = core
+        let solve_gate = core
             .gpu
             .pass("physics/contact_solve_gate")
             .read(solved.scalars)
             .write(&core.status)
-            .write(&contact.pushing)
-            .params(&TurnParams {
+            .write(&contact.contact_state)
+            .params(&SolveGateParams {
                 max_iterations: solved.max_iterations,
             })
             .dispatch_items(1)?;
@@ -280,7 +284,12 @@ impl ContactPasses {
             .write(&with.start.velocities)
             .params(&DirectionParams { nodes: core.nodes })
             .dispatch_items(core.nodes)?;
-        let mut passes = vec![turn, direction, self.ccd_pass(with)?, self.trial(with)?];
+        let mut passes = vec![
+            solve_gate,
+            direction,
+            self.ccd_pass(with)?,
+            self.trial(with)?,
+        ];
         let (x, v) = (&self.trial_positions, &self.trial_velocities);
         passes.extend(with.force_passes(self, v)?);
         passes.extend(core.force_passes(with.body, x, v, true)?);
@@ -298,7 +307,7 @@ impl ContactPasses {
         let pass = with.core.gpu.pass("physics/contact_finish");
         pass.write(&with.contact.tools)
             .write(&with.core.status)
-            .write(&with.contact.pushing)
+            .write(&with.contact.contact_state)
             .dispatch_items(1)
     }
 
@@ -320,25 +329,25 @@ impl ContactPasses {
         )?);
         passes.extend(core.force_passes(with.body, x, v, true)?.pop());
         passes.push(begin.clone());
-        let decide = with
+        let convergence = with
             .summing("physics/contact_convergence")
             .write(&with.contact.tools)
             .read(solved.rz_partials)
             .write(solved.scalars)
             .write(&core.status)
-            .write(&with.contact.pushing)
+            .write(&with.contact.contact_state)
             .params(&ConvergenceParams {
                 groups: core.groups,
-                rubs: u32::from(with.contact.has_friction()),
+                has_friction: u32::from(with.contact.has_friction()),
             })
             .dispatch_items(core.workgroup)?;
-        passes.push(decide);
+        passes.push(convergence);
         Ok(passes)
     }
 
     /// The CCD pass: the collision-free fraction of the direction.
     pub fn ccd_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
-        let params = WayParams {
+        let params = CcdParams {
             faces: with.contact.corners.len(),
             dt: with.dt,
         };
@@ -347,7 +356,7 @@ impl ContactPasses {
             .read(&with.contact.corners)
             .read(v)
             .read(&with.start.velocities)
-            .read(&with.contact.pushing)
+            .read(&with.contact.contact_state)
             .write(&self.step_bounds)
             .params(&params)
             .dispatch_items(with.dispatch_size())
@@ -361,7 +370,7 @@ impl ContactPasses {
             .read(&with.start.velocities)
             .read(&self.step_bounds)
             .read(&with.core.status)
-            .write(&with.contact.pushing)
+            .write(&with.contact.contact_state)
             .write(&self.trial_positions)
             .write(&self.trial_velocities)
             .params(&TrialParams {
@@ -400,21 +409,21 @@ impl ContactPasses {
             .write(&with.contact.tools)
             .read(&self.slopes)
             .write(&with.core.status)
-            .write(&with.contact.pushing)
+            .write(&with.contact.contact_state)
             .params(&params)
             .dispatch_items(with.core.workgroup)
     }
 
     fn accept_pass(&self, with: &ContactContext<'_>) -> Result<Pass> {
         let [x, v] = with.state();
-        let params = TakeParams {
+        let params = AcceptParams {
             nodes: with.core.nodes,
         };
         let pass = with.core.gpu.pass("physics/contact_accept");
         pass.read(&self.trial_positions)
             .read(&self.trial_velocities)
             .read(&with.core.status)
-            .read(&with.contact.pushing)
+            .read(&with.contact.contact_state)
             .write(x)
             .write(v)
             .write(&self.friction_velocities)

@@ -1,7 +1,7 @@
 //! The start of an implicit step of finite elements, and the matrix blocks there; the CPU side of
 //! `shaders/physics/implicit_euler_guess.wgsl` and `implicit_euler_start.wgsl`.
 //!
-//! A step is one Newton iteration on the incremental potential, so its error depends foremost on
+//! A step is one Newton iteration on the incremental potential, so its error depends mainly on
 //! its start: the extrapolation x + h (2v − v₋₁), two orders more accurate than x, is used if it
 //! has the lowest potential.
 

@@ -33,7 +33,7 @@ use gpu_data::Status;
 const NON_FINITE: u32 = 1;
 const RUNAWAY_ENERGY: u32 = 2;
 /// Message for tools that the body cannot yield to.
-const PIERCED: u32 = 4;
+const EXCESS_PENETRATION: u32 = 4;
 const INVERTED_TETS: u32 = 5;
 
 impl StepRecord {
@@ -151,7 +151,7 @@ impl Status {
                 f64::from(self.baseline) * body.units.energy(),
                 f64::from(self.work) * body.units.energy()
             ),
-            PIERCED => TOOLS_OVERCONSTRAINED_MESSAGE.to_owned(),
+            EXCESS_PENETRATION => TOOLS_OVERCONSTRAINED_MESSAGE.to_owned(),
             INVERTED_TETS => INVERTED_TETS_MESSAGE.to_owned(),
             _ => format!(
                 "conjugate gradients reached a relative residual of only {:.1e} in {} iterations",

@@ -184,23 +184,23 @@ impl<S: Integrator> Stepper<S> {
             }
         };
         prepared.revision = revision;
-        let versions = body.loads.versions;
+        let (versions, grabs, external) = (body.loads.versions, &body.grabs, &body.external);
         if prepared.loads != Some(versions) {
             prepared.loads = Some(versions);
             let candidate = &self.core.next_positions;
-            prepared.grab_springs = body.grabs.draw_pass(&body.gpu, candidate, &body.external)?;
+            prepared.grab_springs = grabs.grab_springs_pass(&body.gpu, candidate, external)?;
         }
         let state = body.nodes().array();
-        if let Some(hold) = body.grabs.hold_pass(&body.gpu, state)? {
-            hold.record(work);
+        if let Some(pass) = grabs.prescribed_positions_pass(&body.gpu, state)? {
+            pass.record(work);
         }
         if start == StepStart::Restart {
             for pass in &prepared.step.on_external_change {
                 pass.record(work);
             }
         }
-        if let Some(draw) = body.grabs.draw_pass(&body.gpu, state, &body.external)? {
-            draw.record(work);
+        if let Some(pass) = grabs.grab_springs_pass(&body.gpu, state, external)? {
+            pass.record(work);
         }
         if forgive {
             prepared.clear_failure.record(work);

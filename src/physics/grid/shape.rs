@@ -7,8 +7,8 @@ use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
 /// Maximum number of grid points along one axis, and in total, empty ones included.
-const MOST_ALONG: usize = 4096;
-const MOST: usize = 1 << 27;
+const MAX_PARTICLES_PER_AXIS: usize = 4096;
+const MAX_PARTICLES: usize = 1 << 27;
 
 /// Number of spring kinds: 3 along the axes and 6 along the face diagonals, each used in both
 /// directions.
@@ -84,12 +84,12 @@ impl GridShape {
         let corners: Vec<DVec3> = corners.collect();
         let (low, high) = bounds(&corners);
         let cells = ((high - low) / spacing).ceil().max(DVec3::ONE);
-        if cells.max_element() > MOST_ALONG as f64 - 3.0 {
+        if cells.max_element() > MAX_PARTICLES_PER_AXIS as f64 - 3.0 {
             return Err(too_many(spacing));
         }
         let size = cells.to_array().map(|n| n as usize + 3);
         let total: usize = size.iter().product();
-        if total > MOST {
+        if total > MAX_PARTICLES {
             return Err(too_many(spacing));
         }
         // The grid is centred in the bounds, with one empty layer around.
@@ -129,10 +129,10 @@ impl GridShape {
         wanted: usize,
         axes: DMat3,
     ) -> Result<GridShape> {
-        if !(8..=MOST / 4).contains(&wanted) {
+        if !(8..=MAX_PARTICLES / 4).contains(&wanted) {
             return Err(Error::Input(format!(
                 "the number of grid particles must be from 8 to {}, got {wanted}",
-                MOST / 4
+                MAX_PARTICLES / 4
             )));
         }
         let (low, high) = domain.bounds();
@@ -355,6 +355,6 @@ fn check(spacing: DVec3, axes: DMat3) -> Result<()> {
 
 fn too_many(spacing: DVec3) -> Error {
     Error::Input(format!(
-        "a grid with a spacing of {spacing} exceeds {MOST_ALONG} particles along an axis or {MOST} in total; increase the spacing"
+        "a grid with a spacing of {spacing} exceeds {MAX_PARTICLES_PER_AXIS} particles along an axis or {MAX_PARTICLES} in total; increase the spacing"
     ))
 }

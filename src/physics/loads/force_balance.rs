@@ -13,8 +13,8 @@ const CONTACT_EQUILIBRIUM_TOLERANCE: f64 = 1e-2;
 /// Largest part of the net force, relative to the loads, that may be attributed to rounding.
 const MAX_ROUNDING_RATIO: f64 = 1e-2;
 
-/// Movement of a node that is negligible whatever the loads, over the extent of the body: what is
-/// left of a motion that has died away does not keep a body awake.
+/// Movement of a node that is negligible for all loads, over the extent of the body: residual
+/// motion below this does not prevent sleep.
 const NEGLIGIBLE_MOVEMENT: f64 = 1e-16;
 
 /// Static forces of a body, without inertia and damping: root sums of squares over its nodes, N.

@@ -48,7 +48,7 @@ pub struct Loads {
     forces: Vec<DVec3>,
     pinned: Vec<bool>,
     pub(super) grabs: Grabs,
-    led: Vec<PrescribedMotion>,
+    prescribed_motions: Vec<PrescribedMotion>,
     levels: Vec<f64>,
     /// Targets of the tools, and how often each was teleported.
     tools: Vec<(ToolPose, u64)>,
@@ -62,7 +62,8 @@ pub(super) struct LoadsState {
     forces: Vec<[f64; 3]>,
     pinned: Vec<bool>,
     grabs: GrabsState,
-    led: Vec<PrescribedMotion>,
+    #[serde(rename = "led")]
+    prescribed_motions: Vec<PrescribedMotion>,
     levels: Vec<f64>,
     tools: Vec<(ToolPose, u64)>,
     versions: LoadVersions,
@@ -78,7 +79,7 @@ impl Loads {
             forces: vec![DVec3::ZERO; nodes],
             pinned: vec![false; nodes],
             grabs: Grabs::new(frame),
-            led: Vec::new(),
+            prescribed_motions: Vec::new(),
             levels: Vec::new(),
             tools: Vec::new(),
             versions: LoadVersions::default(),
@@ -274,10 +275,13 @@ impl Loads {
     /// Whether each node is constrained: pinned, or held by a grab.
     pub(super) fn constrained_nodes(&self) -> Vec<bool> {
         let mut held = self.pinned.clone();
-        let led = self.led.iter().flat_map(|led| led.nodes().iter().copied());
+        let prescribed = self
+            .prescribed_motions
+            .iter()
+            .flat_map(|motion| motion.nodes().iter().copied());
         self.grabs
             .held()
-            .chain(led)
+            .chain(prescribed)
             .for_each(|i| held[i as usize] = true);
         held
     }
@@ -285,7 +289,10 @@ impl Loads {
     /// Whether the position of each node is given: pinned, moved, or held exactly by a grab.
     pub(super) fn fixed_nodes(&self) -> Vec<bool> {
         let mut fixed = self.pinned.clone();
-        let moved = self.led.iter().flat_map(|led| led.nodes().iter().copied());
+        let moved = self
+            .prescribed_motions
+            .iter()
+            .flat_map(|motion| motion.nodes().iter().copied());
         let followers = self.grabs.iter().filter(|g| g.grip == GrabMode::Follow);
         let followers = followers.flat_map(|grab| grab.nodes.iter().copied());
         moved
@@ -315,8 +322,8 @@ impl Loads {
         for [_, old] in &cut.duplicated_nodes {
             self.pinned.push(self.pinned[*old as usize]);
         }
-        for led in &mut self.led {
-            led.apply_cut(cut);
+        for motion in &mut self.prescribed_motions {
+            motion.apply_cut(cut);
         }
         self.forces.resize(masses.len(), DVec3::ZERO);
         let mut shared = false;
@@ -350,7 +357,7 @@ impl Loads {
             forces: self.forces.iter().map(|f| f.to_array()).collect(),
             pinned: self.pinned.clone(),
             grabs: self.grabs.state(),
-            led: self.led.clone(),
+            prescribed_motions: self.prescribed_motions.clone(),
             levels: self.levels.clone(),
             tools: self.tools.clone(),
             versions: self.versions,
@@ -366,17 +373,22 @@ impl Loads {
                 state.pinned.len()
             )));
         }
-        let alike = state.led.len() == self.led.len()
+        let alike = state.prescribed_motions.len() == self.prescribed_motions.len()
             && state.levels.len() == self.levels.len()
             && state.tools.len() == self.tools.len()
-            && state.led.iter().zip(&self.led).all(|(a, b)| a.fits(b));
+            && state
+                .prescribed_motions
+                .iter()
+                .zip(&self.prescribed_motions)
+                .all(|(a, b)| a.fits(b));
         if !alike {
             return Err(Error::Input(
                 "the saved loads are of a body with other prescribed motions, pressures, muscles or tools".into(),
             ));
         }
         self.grabs.set_state(&state.grabs, nodes)?;
-        self.led.clone_from(&state.led);
+        self.prescribed_motions
+            .clone_from(&state.prescribed_motions);
         self.levels.clone_from(&state.levels);
         self.tools.clone_from(&state.tools);
         self.gravity = state.gravity.into();

@@ -98,10 +98,10 @@ impl DiscreteModel {
             .iter()
             .map(|p| (*p - frame.origin) * unit)
             .collect();
-        let matter = Matter::new(mesh, material)?;
-        let masses = matter.masses(0..mesh.tets.len())?;
-        let springs = matter.springs(&edges_around(mesh), &rest)?;
-        let elements = matter.elements(&rest);
+        let builder = ModelBuilder::new(mesh, material)?;
+        let masses = builder.masses(0..mesh.tets.len())?;
+        let springs = builder.springs(&edges_around(mesh), &rest)?;
+        let elements = builder.elements(&rest);
         Ok(DiscreteModel {
             rest_positions: rest,
             masses,
@@ -152,22 +152,22 @@ impl DiscreteModel {
             self.frame = frame;
             return Ok(Vec::new());
         }
-        let matter = Matter::new(mesh, material)?;
+        let builder = ModelBuilder::new(mesh, material)?;
         let mut rest = self.rest_positions.clone();
         rest.extend(
             cut.duplicated_nodes
                 .iter()
                 .map(|[_, old]| self.rest_positions[*old as usize]),
         );
-        let masses = matter.masses(cut.incident_tets.iter().map(|t| *t as usize))?;
-        let springs = matter.springs(&cut.edge_tets, &rest)?;
+        let masses = builder.masses(cut.incident_tets.iter().map(|t| *t as usize))?;
+        let springs = builder.springs(&cut.edge_tets, &rest)?;
         replace_sorted(
             &mut self.springs,
             |s| s.nodes,
             &cut.previous_edges,
             &springs,
         );
-        matter.rename(&mut self.elements, &cut.incident_tets, &rest);
+        builder.rename(&mut self.elements, &cut.incident_tets, &rest);
         self.masses.resize(mesh.nodes.len(), 0.0);
         for v in &cut.nodes {
             self.masses[*v as usize] = masses[*v as usize];
@@ -193,10 +193,10 @@ impl DiscreteModel {
 }
 
 /// Assembles masses, springs and elements from a mesh and its material.
-struct Matter<'a, F> {
+struct ModelBuilder<'a, F> {
     mesh: &'a TetMesh,
     material: &'a Material,
-    made_of: F,
+    material_of_tet: F,
     /// The region labels of the tets.
     labels: Option<&'a [f64]>,
     factors: Option<Factors<'a>>,
@@ -208,15 +208,15 @@ enum Factors<'a> {
     Nodes(&'a [f64]),
 }
 
-impl<'a> Matter<'a, ()> {
+impl<'a> ModelBuilder<'a, ()> {
     fn new(
         mesh: &'a TetMesh,
         material: &'a Material,
-    ) -> Result<Matter<'a, impl Fn(usize) -> RegionMaterial + Sync>> {
-        Ok(Matter {
+    ) -> Result<ModelBuilder<'a, impl Fn(usize) -> RegionMaterial + Sync>> {
+        Ok(ModelBuilder {
             mesh,
             material,
-            made_of: made_of(mesh, material)?,
+            material_of_tet: material_lookup(mesh, material)?,
             labels: match &material.region_field {
                 Some(name) => Some(scalar_field(mesh, name, Location::Cell)?),
                 None => None,
@@ -232,21 +232,21 @@ impl<'a> Matter<'a, ()> {
     }
 }
 
-impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
+impl<F: Fn(usize) -> RegionMaterial + Sync> ModelBuilder<'_, F> {
     /// Volume of a tet, m³.
     fn volume(&self, tet: usize) -> f64 {
         self.mesh.tet_volume(tet).abs() * self.material.length_unit.powi(3)
     }
 
     /// The material of a tet, without factors at nodes.
-    fn made(&self, tet: usize) -> RegionMaterial {
-        let made = (self.made_of)(tet);
+    fn material_of(&self, tet: usize) -> RegionMaterial {
+        let tet_material = (self.material_of_tet)(tet);
         match &self.factors {
             Some(Factors::Cells(factors)) => RegionMaterial {
-                stiffness: factors[tet] * made.stiffness,
-                ..made
+                stiffness: factors[tet] * tet_material.stiffness,
+                ..tet_material
             },
-            _ => made,
+            _ => tet_material,
         }
     }
 
@@ -265,7 +265,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
     fn masses(&self, tets: impl Iterator<Item = usize>) -> Result<Vec<f64>> {
         let mut masses = vec![0.0; self.mesh.nodes.len()];
         for t in tets {
-            let share = (self.made_of)(t).density * self.volume(t) / 4.0;
+            let share = (self.material_of_tet)(t).density * self.volume(t) / 4.0;
             for v in self.mesh.tets[t] {
                 masses[v as usize] += share;
             }
@@ -309,10 +309,10 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
             return None;
         }
         let nodes = self.mesh.tets[t];
-        let made = self.made(t);
-        let stiffness = self.node_factor(&nodes) * made.stiffness;
+        let tet_material = self.material_of(t);
+        let stiffness = self.node_factor(&nodes) * tet_material.stiffness;
         let corners = nodes.map(|v| rest[v as usize]);
-        let element = Element::new(nodes, corners, stiffness, made.poisson, law)?;
+        let element = Element::new(nodes, corners, stiffness, tet_material.poisson, law)?;
         let regions = &self.material.regions;
         let region = self.labels.map_or(0, |labels| {
             let label = labels[t].round() as i64;
@@ -372,7 +372,7 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> Matter<'_, F> {
         for t in tets {
             let share = self.volume(t);
             volume += share;
-            weighted += share * self.made(t).stiffness;
+            weighted += share * self.material_of(t).stiffness;
         }
         let stiffness = match self.material.stiffness {
             // A zero-length edge has no direction in which to resist.
@@ -403,7 +403,10 @@ fn edges_around(mesh: &TetMesh) -> Vec<([u32; 2], u32)> {
 }
 
 /// The material of each tet, by its region.
-fn made_of(mesh: &TetMesh, material: &Material) -> Result<impl Fn(usize) -> RegionMaterial> {
+fn material_lookup(
+    mesh: &TetMesh,
+    material: &Material,
+) -> Result<impl Fn(usize) -> RegionMaterial> {
     let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = material.stiffness;
     let rest = RegionMaterial {
         stiffness,
@@ -417,11 +420,11 @@ fn made_of(mesh: &TetMesh, material: &Material) -> Result<impl Fn(usize) -> Regi
     Ok(move |t: usize| {
         let label = labels.map(|labels| labels[t].round() as i64);
         let region = label.and_then(|label| material.regions.get(&label));
-        let made = region.copied().unwrap_or(rest);
+        let base = region.copied().unwrap_or(rest);
         match label.is_some_and(|label| material.rigid.contains(&label)) {
             // The stiffness of rigid tets affects the units only.
-            true => RegionMaterial { stiffness, ..made },
-            false => made,
+            true => RegionMaterial { stiffness, ..base },
+            false => base,
         }
     })
 }

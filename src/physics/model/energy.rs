@@ -11,7 +11,7 @@ use std::sync::Arc;
 pub struct Energy {
     /// Kinetic energy, Σ ½mv².
     pub kinetic: f64,
-    /// In the springs, Σ ½κ(|x| − L)², or in the elements, and in the terms beside them.
+    /// In the springs, Σ ½κ(|x| − L)², or in the elements, and in the additional terms.
     pub elastic: f64,
     /// Kinetic and elastic.
     pub total: f64,

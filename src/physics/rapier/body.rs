@@ -82,14 +82,14 @@ impl RapierBody {
         self.rebuild_world(&self.positions(), &self.velocities())
     }
 
-    /// Adds a tool with the pose `place` (m).
+    /// Adds a tool with this `pose` (m).
     ///
     /// # Errors
     /// [`Error::Input`] if rapier does not support the tool; nothing is changed then.
-    pub fn add_tool(&mut self, tool: &Tool, place: ToolPose) -> Result<()> {
+    pub fn add_tool(&mut self, tool: &Tool, pose: ToolPose) -> Result<()> {
         let before = self.contacts.clone();
         self.contacts.tools.push(tool.clone());
-        self.tools.push((place, 0));
+        self.tools.push((pose, 0));
         let done = self.contact(before);
         if done.is_err() {
             self.tools.pop();
@@ -288,9 +288,9 @@ impl RapierBody {
         let near = self.tools.iter().zip(&self.contacts.tools).enumerate();
         near.map(|(k, ((pose, _), tool))| {
             let shape = tool.shape.with_scale(self.contacts.unit);
-            let at = pose.turn().inverse() * (x - pose.place());
+            let at = pose.rotation().inverse() * (x - pose.position());
             let gap = tool.gap.unwrap_or(0.0) * self.contacts.unit;
-            (shape.distance(at) - gap, k, pose.place())
+            (shape.distance(at) - gap, k, pose.position())
         })
         .filter(|(distance, ..)| *distance < reach)
         .min_by(|a, b| a.0.total_cmp(&b.0))

@@ -98,7 +98,7 @@ pub(super) struct World {
 }
 
 impl World {
-    /// The body of `matter` at rest, with these joints, and its tools with the poses `places` (m).
+    /// The body of `matter` at rest, with these joints, and its tools with the `poses` (m).
     ///
     /// # Errors
     /// [`Error::Input`] if rapier rejects the surface of a tool or a rigid region.
@@ -106,7 +106,7 @@ impl World {
         matter: &SoftBodyModel,
         settings: CgSettings,
         (contacts, joints): (&Contacts, &[RegionJoint]),
-        places: &[ToolPose],
+        poses: &[ToolPose],
     ) -> Result<World> {
         let mut physics = PhysicsWorld::new();
         let parameters = &mut physics.integration_parameters;
@@ -133,7 +133,7 @@ impl World {
             joint.insert(&mut physics, &matter.bones, &bones, matter.scale);
         }
         let mut tools = Vec::new();
-        for (tool, place) in contacts.tools.iter().zip(places) {
+        for (tool, pose) in contacts.tools.iter().zip(poses) {
             let scale = matter.scale;
             let gap = tool
                 .gap
@@ -143,7 +143,7 @@ impl World {
                 .friction_combine_rule(CoefficientCombineRule::Max)
                 .contact_skin((gap - contacts.skin(scale.length)).max(0.0) as f32);
             let rigid = RigidBodyBuilder::kinematic_position_based()
-                .pose(scale.pose(place.place(), place.turn()));
+                .pose(scale.pose(pose.position(), pose.rotation()));
             tools.push(physics.insert(rigid, shape).0);
         }
         Ok(World {
@@ -248,15 +248,15 @@ impl World {
         self.physics.gravity = gravity;
     }
 
-    /// Sets the target pose `place` (m) of a tool for the next step, or teleports it.
+    /// Sets the target `pose` (m) of a tool for the next step, or teleports it.
     pub fn set_tool_target(
         &mut self,
         tool: usize,
-        place: &ToolPose,
+        pose: &ToolPose,
         matter: &SoftBodyModel,
         at_once: bool,
     ) {
-        let pose = matter.scale.pose(place.place(), place.turn());
+        let pose = matter.scale.pose(pose.position(), pose.rotation());
         let Some(rigid) = self.tools.get(tool) else {
             return;
         };
@@ -297,9 +297,9 @@ impl World {
             all[*node as usize] = scale.metres(x);
         }
         for (own, bone) in self.bones.iter().zip(&matter.bones) {
-            let (centre, turn) = own.pose(&self.physics, scale);
+            let (centre, rotation) = own.pose(&self.physics, scale);
             for (node, arm) in bone.nodes.iter().zip(&bone.lever_arms) {
-                all[*node as usize] = centre + turn * *arm;
+                all[*node as usize] = centre + rotation * *arm;
             }
         }
         all
@@ -313,9 +313,9 @@ impl World {
             all[*node as usize] = scale.metres(v);
         }
         for (own, bone) in self.bones.iter().zip(&matter.bones) {
-            let (centre, turn) = own.pose(&self.physics, scale);
+            let (centre, rotation) = own.pose(&self.physics, scale);
             for (node, arm) in bone.nodes.iter().zip(&bone.lever_arms) {
-                let at = centre + turn * *arm;
+                let at = centre + rotation * *arm;
                 all[*node as usize] = own.velocity(&self.physics, at, scale);
             }
         }

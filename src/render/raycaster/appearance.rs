@@ -38,7 +38,7 @@ struct Regions {
 
 /// Appearance settings requested by the caller.
 #[derive(Clone)]
-struct Asked {
+struct RequestedAppearance {
     /// Transfer function of the scalars of the mesh.
     transfer: TransferFunction,
     /// Transfer function of the first scan, if that scan holds values rather than labels.
@@ -50,7 +50,7 @@ struct Asked {
 
 /// Settings and GPU resources that determine the appearance of a ray segment.
 pub(in crate::render) struct Appearance {
-    asked: Asked,
+    requested: RequestedAppearance,
     /// Scalar range that the table covers.
     range: (f64, f64),
     pub table: Table,
@@ -71,43 +71,43 @@ impl Appearance {
         options: &RaycastOptions,
         transfer: &TransferFunction,
     ) -> Result<Appearance> {
-        let asked = Asked {
+        let requested = RequestedAppearance {
             transfer: transfer.clone(),
             of_scan: None,
             regions: None,
             inside: Sections::default(),
             scans: None,
         };
-        Appearance::of(gpu, geometry, options, asked)
+        Appearance::of(gpu, geometry, options, requested)
     }
 
     fn of(
         gpu: &Gpu,
         geometry: &Geometry,
         options: &RaycastOptions,
-        asked: Asked,
+        requested: RequestedAppearance,
     ) -> Result<Appearance> {
-        asked.check(geometry)?;
-        let (rows, first) = asked.rows(geometry);
-        let table = Table::new(gpu, &asked.wanted(geometry, options, &rows))?;
-        let scans = match &asked.scans {
+        requested.check(geometry)?;
+        let (rows, first) = requested.rows(geometry);
+        let table = Table::new(gpu, &requested.wanted(geometry, options, &rows))?;
+        let scans = match &requested.scans {
             Some(held) => Some(held.to_gpu(gpu, geometry.frame, first)?),
             None => None,
         };
         Ok(Appearance {
-            sections: cuts(gpu, geometry, rows[0].range, &table, &asked.inside)?,
-            colours: asked.colours(gpu, &rows, first, most(geometry, &table))?,
-            rows: asked.tet_rows(gpu, geometry, &rows, first)?,
+            sections: cuts(gpu, geometry, rows[0].range, &table, &requested.inside)?,
+            colours: requested.colours(gpu, &rows, first, max_extinction(geometry, &table))?,
+            rows: requested.tet_rows(gpu, geometry, &rows, first)?,
             range: rows[0].range,
             scans,
             table,
-            asked,
+            requested,
         })
     }
 
     /// Returns the transfer function of the displayed quantity (mesh scalars or first scan).
     pub fn transfer(&self) -> &TransferFunction {
-        self.asked.shown()
+        self.requested.shown()
     }
 
     /// Returns the scalar range that the transfer function covers.
@@ -117,23 +117,23 @@ impl Appearance {
 
     /// Whether the table is still valid for the current scalars of `geometry`.
     pub fn matches(&self, geometry: &Geometry, options: &RaycastOptions) -> bool {
-        let (rows, _) = self.asked.rows(geometry);
-        let wanted = self.asked.wanted(geometry, options, &rows);
+        let (rows, _) = self.requested.rows(geometry);
+        let wanted = self.requested.wanted(geometry, options, &rows);
         self.range == rows[0].range && self.table.matches(&wanted)
     }
 
     pub fn inside(&self) -> &Sections {
-        &self.asked.inside
+        &self.requested.inside
     }
 
     /// Returns the displayed scans and the buffer of their placement.
     pub fn scans(&self) -> Option<(&ScanSet, &wgpu::Buffer)> {
-        self.asked.scans.as_deref().zip(self.scans.as_ref())
+        self.requested.scans.as_deref().zip(self.scans.as_ref())
     }
 
     /// Whether the traversal needs rest positions.
     pub fn needs_rest(&self) -> bool {
-        self.asked.inside.needs_rest_positions() || self.asked.scans.is_some()
+        self.requested.inside.needs_rest_positions() || self.requested.scans.is_some()
     }
 
     /// Returns the row of each tet, or `None` if all tets use the first row.
@@ -144,7 +144,7 @@ impl Appearance {
     /// Checks that scans and regions match the current tet count of `geometry`.
     pub fn check(&self, geometry: &Geometry) -> Result<()> {
         let tets = geometry.tet_count() as usize;
-        match (&self.asked.scans, &self.asked.regions) {
+        match (&self.requested.scans, &self.requested.regions) {
             (Some(held), _) if held.tets() != tets => Err(Error::Input(
                 "the scans do not match the mesh because tets were removed; call Raycaster::set_scans again".into(),
             )),
@@ -162,9 +162,12 @@ impl Appearance {
         options: &RaycastOptions,
         transfer: &TransferFunction,
     ) -> Result<()> {
-        let mut asked = self.asked.clone();
-        *asked.of_scan.as_mut().unwrap_or(&mut asked.transfer) = transfer.clone();
-        *self = Appearance::of(gpu, geometry, options, asked)?;
+        let mut requested = self.requested.clone();
+        *requested
+            .of_scan
+            .as_mut()
+            .unwrap_or(&mut requested.transfer) = transfer.clone();
+        *self = Appearance::of(gpu, geometry, options, requested)?;
         Ok(())
     }
 
@@ -174,7 +177,7 @@ impl Appearance {
         geometry: &Geometry,
         options: &RaycastOptions,
     ) -> Result<()> {
-        *self = Appearance::of(gpu, geometry, options, self.asked.clone())?;
+        *self = Appearance::of(gpu, geometry, options, self.requested.clone())?;
         Ok(())
     }
 
@@ -185,9 +188,9 @@ impl Appearance {
         options: &RaycastOptions,
         regions: Option<&RegionAppearance>,
     ) -> Result<()> {
-        let mut asked = self.asked.clone();
-        asked.regions = regions.map(|r| Regions::new(geometry, r)).transpose()?;
-        *self = Appearance::of(gpu, geometry, options, asked)?;
+        let mut requested = self.requested.clone();
+        requested.regions = regions.map(|r| Regions::new(geometry, r)).transpose()?;
+        *self = Appearance::of(gpu, geometry, options, requested)?;
         Ok(())
     }
 
@@ -198,13 +201,13 @@ impl Appearance {
         options: &RaycastOptions,
         held: Option<ScanSet>,
     ) -> Result<()> {
-        let mut asked = self.asked.clone();
+        let mut requested = self.requested.clone();
         if geometry.rest_positions().is_none() && held.is_some() {
             return Err(Error::Input(MISSING_REST_MESSAGE.into()));
         }
-        asked.of_scan = held.as_ref().and_then(ScanSet::transfer).cloned();
-        asked.scans = held.map(Arc::new);
-        *self = Appearance::of(gpu, geometry, options, asked)?;
+        requested.of_scan = held.as_ref().and_then(ScanSet::transfer).cloned();
+        requested.scans = held.map(Arc::new);
+        *self = Appearance::of(gpu, geometry, options, requested)?;
         Ok(())
     }
 
@@ -216,9 +219,9 @@ impl Appearance {
         options: &RaycastOptions,
         held: ScanSet,
     ) -> Result<()> {
-        let mut asked = self.asked.clone();
-        asked.scans = Some(Arc::new(held));
-        *self = Appearance::of(gpu, geometry, options, asked)?;
+        let mut requested = self.requested.clone();
+        requested.scans = Some(Arc::new(held));
+        *self = Appearance::of(gpu, geometry, options, requested)?;
         Ok(())
     }
 
@@ -233,16 +236,16 @@ impl Appearance {
         if inside.needs_rest_positions() && geometry.rest_positions().is_none() {
             return Err(Error::Input(MISSING_REST_MESSAGE.into()));
         }
-        let mut asked = self.asked.clone();
-        asked.inside = inside.clone();
-        if asked.scans.is_some() && self.asked.inside.isosurfaces != inside.isosurfaces {
+        let mut requested = self.requested.clone();
+        requested.inside = inside.clone();
+        if requested.scans.is_some() && self.requested.inside.isosurfaces != inside.isosurfaces {
             // The transparency of a tet depends on the isosurfaces.
-            *self = Appearance::of(gpu, geometry, options, asked)?;
+            *self = Appearance::of(gpu, geometry, options, requested)?;
             return Ok(());
         }
-        asked.check(geometry)?;
+        requested.check(geometry)?;
         self.sections = cuts(gpu, geometry, self.range, &self.table, inside)?;
-        self.asked = asked;
+        self.requested = requested;
         Ok(())
     }
 }
@@ -250,7 +253,7 @@ impl Appearance {
 const MISSING_REST_MESSAGE: &str =
     "the geometry has no rest positions; call Geometry::store_rest_positions first";
 
-impl Asked {
+impl RequestedAppearance {
     /// Returns the transfer function of the displayed quantity.
     fn shown(&self) -> &TransferFunction {
         self.of_scan.as_ref().unwrap_or(&self.transfer)
@@ -326,9 +329,19 @@ impl Asked {
     }
 
     /// Uploads the colours of each row in the layout of `lib/sections.wgsl`; w is the extinction
-    /// divided by `most`.
-    fn colours(&self, gpu: &Gpu, rows: &[TableRow], first: usize, most: f64) -> Result<Array> {
-        let over = if most > 0.0 { most.recip() } else { 0.0 };
+    /// divided by `max_extinction`.
+    fn colours(
+        &self,
+        gpu: &Gpu,
+        rows: &[TableRow],
+        first: usize,
+        max_extinction: f64,
+    ) -> Result<Array> {
+        let over = if max_extinction > 0.0 {
+            max_extinction.recip()
+        } else {
+            0.0
+        };
         let mut all: Vec<Vec<[f64; 4]>> = rows.iter().map(colours).collect();
         for (row, looks) in self.scans.iter().flat_map(|held| held.label_rows(first)) {
             for (texel, look) in all[row].iter_mut().zip(looks) {
@@ -426,7 +439,7 @@ impl Regions {
 }
 
 /// Returns the maximum extinction, per file length unit.
-fn most(geometry: &Geometry, table: &Table) -> f64 {
+fn max_extinction(geometry: &Geometry, table: &Table) -> f64 {
     f64::from(table.opacity) / (geometry.frame.scale * std::f64::consts::LOG2_E)
 }
 

@@ -70,9 +70,9 @@ impl Raycaster {
                         .into(),
                 ));
             }
-            let anew = self.geometry.record_gradients(work);
+            let gradients_changed = self.geometry.record_gradients(work);
             if self.options.shadows > 0.0 {
-                self.record_shadows(work, anew)?;
+                self.record_shadows(work, gradients_changed)?;
             }
         }
         if gathered == Integrand::Xray && self.geometry.rest_positions().is_none() {

@@ -18,7 +18,7 @@ const INITIAL_CAPACITY: u64 = 2;
 const SEGMENT_BYTES: u64 = 32;
 const HEADER_BYTES: u64 = 16;
 /// Maximum number of layers of a raycaster.
-const MOST_LAYERS: u32 = 255;
+const MAX_LAYERS: u32 = 255;
 
 impl Raycaster {
     /// Returns the segments of the rays of `camera` through this mesh, a piece of a body: for each
@@ -110,7 +110,7 @@ impl Raycaster {
         loop {
             let segment_buffer = match &self.segment_buffer {
                 Some(segment_buffer) => segment_buffer.clone(),
-                None => self.make_room(&gpu, INITIAL_CAPACITY * width * height)?,
+                None => self.allocate_segments(&gpu, INITIAL_CAPACITY * width * height)?,
             };
             let mut work = gpu.start_recording();
             work.encoder()
@@ -124,12 +124,12 @@ impl Raycaster {
             work.submit()?;
             let layers = self.layers_found()?;
             if layers > self.options.layers {
-                if self.options.layers >= MOST_LAYERS {
+                if self.options.layers >= MAX_LAYERS {
                     return Err(Error::Input(format!(
-                        "a ray enters the piece more than {MOST_LAYERS} times; partition the body into more pieces, or move the eye slightly"
+                        "a ray enters the piece more than {MAX_LAYERS} times; partition the body into more pieces, or move the eye slightly"
                     )));
                 }
-                self.options.layers = (2 * self.options.layers).min(MOST_LAYERS);
+                self.options.layers = (2 * self.options.layers).min(MAX_LAYERS);
                 self.frames.clear();
                 continue;
             }
@@ -144,21 +144,23 @@ impl Raycaster {
                     return Ok(false);
                 }
                 let room = (2 * count).min((most - HEADER_BYTES) / SEGMENT_BYTES);
-                self.make_room(&gpu, room)?;
+                self.allocate_segments(&gpu, room)?;
                 continue;
             }
             let words =
                 gpu.read_prefix::<[u32; 4]>(&segment_buffer, HEADER_BYTES + SEGMENT_BYTES * count)?;
-            let (ways, _) = words.get(1..).unwrap_or_default().as_chunks::<2>();
-            let inside = ways.iter().filter_map(|way| window.interval(way));
+            let (segments, _) = words.get(1..).unwrap_or_default().as_chunks::<2>();
+            let inside = segments
+                .iter()
+                .filter_map(|segment| window.interval(segment));
             items.extend(inside);
             return Ok(true);
         }
     }
 
-    /// Allocates the buffer for `ways` segments.
-    fn make_room(&mut self, gpu: &Gpu, ways: u64) -> Result<wgpu::Buffer> {
-        let segment_buffer = gpu.buffer("ray segments", HEADER_BYTES + SEGMENT_BYTES * ways)?;
+    /// Allocates the buffer for `capacity` segments.
+    fn allocate_segments(&mut self, gpu: &Gpu, capacity: u64) -> Result<wgpu::Buffer> {
+        let segment_buffer = gpu.buffer("ray segments", HEADER_BYTES + SEGMENT_BYTES * capacity)?;
         self.forget_walks();
         Ok(self.segment_buffer.insert(segment_buffer).clone())
     }

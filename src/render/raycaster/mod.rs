@@ -18,7 +18,7 @@ use super::raycast_options::{Integrand, Mode, RaycastOptions, Target};
 use super::scan::{Scan, ScanSet};
 use super::sections::Sections;
 use super::view::{CameraTransform, ImageRegion};
-use super::{Camera, ResolvedTransfer, TransferFunction};
+use super::{AbsoluteTransferFunction, Camera, TransferFunction};
 use crate::gpu::{Array, Gpu, Recorder, Texel};
 use crate::mesh::TetMesh;
 use crate::{Error, Result};
@@ -103,7 +103,7 @@ impl Raycaster {
     }
 
     /// Returns the transfer function in absolute units.
-    pub fn transfer(&self) -> ResolvedTransfer {
+    pub fn transfer(&self) -> AbsoluteTransferFunction {
         let geometry = &self.geometry;
         let transfer = self.looks.transfer();
         transfer.to_absolute(self.looks.range(), geometry.frame.scale)

@@ -51,9 +51,13 @@ pub(super) struct Shadows {
 }
 
 impl Raycaster {
-    /// Records the shadow passes after the gradient pass; `anew` is whether the gradients were
-    /// recomputed.
-    pub(super) fn record_shadows(&mut self, work: &mut Recorder, anew: bool) -> Result<()> {
+    /// Records the shadow passes after the gradient pass; `gradients_changed` is whether the
+    /// gradients were recomputed.
+    pub(super) fn record_shadows(
+        &mut self,
+        work: &mut Recorder,
+        gradients_changed: bool,
+    ) -> Result<()> {
         let generation = self.geometry.generation;
         if self
             .shadows
@@ -64,7 +68,7 @@ impl Raycaster {
         }
         let version = Some(self.geometry.positions.version());
         if let Some(shadows) = &mut self.shadows
-            && (anew || shadows.made_of != version)
+            && (gradients_changed || shadows.made_of != version)
         {
             shadows.made_of = version;
             let (empty, grid) = (&shadows.empty, &shadows.grid);

@@ -7,7 +7,7 @@ use super::{MAX_SCANS, Scan, ScanAppearance};
 use crate::gpu::Gpu;
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::render::table::TableRow;
-use crate::render::{ResolvedTransfer, TransferFunction};
+use crate::render::{AbsoluteTransferFunction, TransferFunction};
 use crate::{Error, Result, parallel};
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
@@ -154,7 +154,7 @@ impl ScanSet {
             let looks = part.looks(&self.scans[k].appearance);
             let most = looks.iter().map(|l| l.extinction).fold(0.0, f64::max);
             TableRow {
-                transfer: ResolvedTransfer::constant(most),
+                transfer: AbsoluteTransferFunction::constant(most),
                 range: part.range,
                 spread: self.parts[k].spread.clone(),
             }

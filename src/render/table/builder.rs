@@ -34,13 +34,13 @@ const OCTAVE_BITS: u32 = 2;
 /// Exponent of the smallest depth: the first octave begins at 2 to this power.
 const FIRST_OCTAVE: i32 = -5;
 /// Maximum number of octaves: WebGPU's 256 layers hold 64, and depths beyond 2¹⁹ are opaque.
-const MOST_OCTAVES: u32 = 24;
+const MAX_OCTAVES: u32 = 24;
 /// Maximum segment length covered by the slices, in local units; longer than any body.
 const MAX_SEGMENT_LENGTH: f64 = 4.0;
 /// Texels along the scalar without pre-integration.
 const SAMPLED_SIZE: u32 = 4096;
 /// WebGPU limit on the number of texture layers.
-const MOST_LAYERS: u32 = 256;
+const MAX_LAYERS: u32 = 256;
 /// Number of layers of the volume and maximum depth of the last: one layer per sixteenth of depth
 /// keeps the interpolation error between layers small.
 const VOLUME_LAYERS: u32 = 129;
@@ -61,7 +61,7 @@ pub(super) fn table(
     let (layers, reach) = match wanted.form {
         TableKind::Sliced => (slices(opacity * MAX_SEGMENT_LENGTH), 1.0),
         TableKind::Volume => (
-            wanted.size.map_or(VOLUME_LAYERS, |n| n.min(MOST_LAYERS)),
+            wanted.size.map_or(VOLUME_LAYERS, |n| n.min(MAX_LAYERS)),
             (opacity * wanted.longest_segment).clamp(1e-6, VOLUME_MAX_DEPTH) as f32,
         ),
         _ => (1, 1.0),
@@ -124,7 +124,7 @@ pub(super) fn table(
 /// Returns the number of slices for depths up to `depth`.
 fn slices(depth: f64) -> u32 {
     let octaves = depth.max(1e-9).log2().ceil() as i32 - FIRST_OCTAVE;
-    (octaves.clamp(1, MOST_OCTAVES as i32) as u32) << OCTAVE_BITS
+    (octaves.clamp(1, MAX_OCTAVES as i32) as u32) << OCTAVE_BITS
 }
 
 /// Returns the depth at the middle of slice `k`.

@@ -1,7 +1,7 @@
 //! Decomposition of a transfer function into pieces with linear colour and extinction.
 
 use super::SIZES;
-use crate::render::ResolvedTransfer;
+use crate::render::AbsoluteTransferFunction;
 
 pub(super) mod gpu_data {
     crate::gpu_struct! {
@@ -23,7 +23,7 @@ pub(super) struct LinearPieces {
 }
 
 impl LinearPieces {
-    pub fn new(transfer: &ResolvedTransfer, range: (f64, f64)) -> LinearPieces {
+    pub fn new(transfer: &AbsoluteTransferFunction, range: (f64, f64)) -> LinearPieces {
         let span = range.1 - range.0;
         let mut cuts: Vec<f64> = transfer
             .breakpoints()

@@ -13,7 +13,7 @@ mod builder;
 mod integrals;
 mod linear_pieces;
 
-use super::ResolvedTransfer;
+use super::AbsoluteTransferFunction;
 use crate::gpu::{Gpu, Pass};
 use crate::{Error, Result};
 use linear_pieces::LinearPieces;
@@ -125,7 +125,7 @@ pub(super) struct Table {
 #[derive(Clone, Debug)]
 pub(super) struct TableRow {
     /// Transfer function in file units.
-    pub transfer: ResolvedTransfer,
+    pub transfer: AbsoluteTransferFunction,
     /// Scalar range covered.
     pub range: (f64, f64),
     /// Histogram: volume fraction per equal-width bin of the range.

@@ -26,7 +26,7 @@ use std::str::FromStr;
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSource {
-    /// A mesh file, beside the scene file unless absolute.
+    /// A mesh file, in the folder of the scene file unless absolute.
     pub file: Option<PathBuf>,
     /// The same mesh at rest, if `file` contains a deformed state and the scene is not simulated.
     /// Scans and planes given at rest use it. A vector field `displacement`, as in series, serves
@@ -100,7 +100,7 @@ pub struct MeshSource {
 pub struct JoinEntry {
     /// Prefix of its region names; default `mesh2`, `mesh3` …
     pub name: Option<String>,
-    /// A mesh file, beside the scene file unless absolute.
+    /// A mesh file, in the folder of the scene file unless absolute.
     pub file: Option<PathBuf>,
     /// Name of a generator, instead of a file.
     #[serde(default, deserialize_with = "keywords::generator")]
@@ -181,16 +181,16 @@ pub enum AllKeyword {
 /// A number or text.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "expected a number or text")]
-enum Said {
+enum NumberOrText {
     Number(f64),
     Text(String),
 }
 
-impl Said {
+impl NumberOrText {
     fn parse<T: FromStr<Err = Error>, E: serde::de::Error>(&self) -> std::result::Result<T, E> {
         let text = match self {
-            Said::Number(number) => number.to_string(),
-            Said::Text(text) => text.clone(),
+            NumberOrText::Number(number) => number.to_string(),
+            NumberOrText::Text(text) => text.clone(),
         };
         text.parse().map_err(E::custom)
     }
@@ -201,7 +201,7 @@ where
     T: FromStr<Err = Error>,
     D: Deserializer<'de>,
 {
-    Said::deserialize(from)?.parse().map(Some)
+    NumberOrText::deserialize(from)?.parse().map(Some)
 }
 
 pub(super) fn present_list<'de, T, D>(from: D) -> std::result::Result<Vec<T>, D::Error>
@@ -209,8 +209,8 @@ where
     T: FromStr<Err = Error>,
     D: Deserializer<'de>,
 {
-    let all = Vec::<Said>::deserialize(from)?;
-    all.iter().map(Said::parse).collect()
+    let all = Vec::<NumberOrText>::deserialize(from)?;
+    all.iter().map(NumberOrText::parse).collect()
 }
 
 /// A length unit by name or in metres.

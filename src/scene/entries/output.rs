@@ -1,4 +1,4 @@
-//! Entry of the files written beside the pictures.
+//! Entry of the files written in addition to the pictures.
 
 use serde::Deserialize;
 use std::path::PathBuf;

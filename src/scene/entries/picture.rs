@@ -92,7 +92,7 @@ pub struct PictureEntry {
     /// only the skins, without the volume.
     #[serde(default, deserialize_with = "keywords::mode")]
     pub mode: Option<String>,
-    /// Whether the volume is drawn beside slices and isosurfaces; default true.
+    /// Whether the volume is drawn in addition to slices and isosurfaces; default true.
     pub volume: Option<bool>,
     /// Ray traversal: `vertices` or `planes`.
     #[serde(default, deserialize_with = "keywords::traversal")]

@@ -37,8 +37,8 @@ impl Stage {
         for pin in &mut motion.pins {
             pin.apply_cut(&change.mesh);
         }
-        for mover in &mut motion.time_dependent_loads.movers {
-            mover.apply_cut(&change.mesh.duplicated_nodes);
+        for scheduled_motion in &mut motion.time_dependent_loads.scheduled_motions {
+            scheduled_motion.apply_cut(&change.mesh.duplicated_nodes);
         }
         if !change.mesh.is_empty() {
             self.looks.scalars.apply_cut(&change.mesh);

@@ -2,7 +2,7 @@
 
 use super::{DisplayMode, Stage};
 use crate::Result;
-use crate::render::{Mode, ResolvedTransfer, Sections, TransferFunction};
+use crate::render::{AbsoluteTransferFunction, Mode, Sections, TransferFunction};
 use crate::scene::Scene;
 use crate::scene::appearance::SceneAppearance;
 
@@ -98,7 +98,7 @@ impl Stage {
     }
 
     /// Returns the transfer function of the displayed field, in absolute values.
-    pub fn transfer(&self) -> ResolvedTransfer {
+    pub fn transfer(&self) -> AbsoluteTransferFunction {
         self.looks.raycaster.transfer()
     }
 

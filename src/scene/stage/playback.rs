@@ -65,7 +65,7 @@ impl Stage {
     }
 
     /// Shows the mesh of a frame: as [`Stage::show_frame`] if it has the tets and regions of the
-    /// mesh of this stage; otherwise the stage is created anew for it, with the same view and range.
+    /// mesh of this stage; otherwise the stage is recreated for it, with the same view and range.
     /// Returns whether it has.
     ///
     /// # Errors

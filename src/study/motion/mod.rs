@@ -44,7 +44,7 @@ const RESULTS: [&str; 11] = [
 ];
 
 /// Maximum number of steps of one motion.
-const MOST_STEPS: u32 = 20_000;
+const MAX_STEPS: u32 = 20_000;
 
 /// Conjugate gradient settings: converged, default, and stopped early.
 const SOLVES: [(f64, u32); 5] = [
@@ -214,7 +214,7 @@ fn settings(trial: &MotionTrial, quick: bool) -> Vec<MotionSetting> {
             (true, true) => &[SOLVES[0], SOLVES[4]],
             (false, _) => &[],
         };
-        for steps in steps.into_iter().filter(|n| STOPS * n <= MOST_STEPS) {
+        for steps in steps.into_iter().filter(|n| STOPS * n <= MAX_STEPS) {
             let setting = |cg| MotionSetting {
                 kind,
                 steps,

@@ -7,7 +7,7 @@ use crate::physics::{
     CgSettings, DiscreteModel, Engine, EngineChoice, Loads, Material, Simulator, SolverKind,
 };
 
-/// Name of Rapier beside the solvers.
+/// Name of Rapier in the list of solvers.
 pub const RAPIER: &str = "rapier";
 
 /// Settings of a motion.

@@ -37,9 +37,9 @@ const AS_FAR_AS_F32: CgSettings = CgSettings {
 pub struct MotionErrors {
     /// `accurate`, `inaccurate`, `diverged` or `cg not converged`.
     pub state: &'static str,
-    /// Over all nodes at all stops, root of the sum of squares.
+    /// Root of the sum of squared errors over all nodes at all stops.
     pub error: f64,
-    /// Of the node with the largest error, relative to the largest displacement of any node.
+    /// Error of the worst node, relative to the largest displacement of any node.
     pub largest: f64,
     /// Time discretisation error: the float64 motion with converged solves against the reference.
     pub scheme_error: f64,
@@ -254,7 +254,7 @@ impl MotionTrial {
             )
         };
         let probe = run(2 * steps)?;
-        let scale = probe.map(|probe| way(&self.rest, &probe));
+        let scale = probe.map(|probe| motion_scale(&self.rest, &probe));
         let found = match scale {
             Some(scale) => reference_motion(steps, 64 * steps, REFERENCE_TOLERANCE, scale, run)?,
             None => None,
@@ -290,11 +290,11 @@ impl MotionTrial {
         }
         found.ms = outcome.ms / self.duration;
         let truth = self.reference()?.states.clone();
-        let scale = way(&self.rest, &truth);
+        let scale = motion_scale(&self.rest, &truth);
         found.error = distance(&outcome.states, &truth) / scale;
         found.largest = self.farthest(&outcome.states, &truth);
         if !setting.rapier {
-            self.tell_apart(setting, &outcome.states, scale, &mut found)?;
+            self.split_error(setting, &outcome.states, scale, &mut found)?;
         }
         (found.energy, found.volume) = self.drifts(&outcome.states, &truth)?;
         // An error above 5 % counts as inaccurate.
@@ -305,7 +305,7 @@ impl MotionTrial {
     }
 
     /// Splits the error of a motion of our engines by source, relative to `scale`.
-    fn tell_apart(
+    fn split_error(
         &mut self,
         setting: MotionSetting,
         states: &[MotionState],
@@ -403,6 +403,6 @@ impl MotionTrial {
 }
 
 /// √ΣΣ|x − rest|² over all stops: the scale of relative errors.
-fn way(rest: &MotionState, states: &[MotionState]) -> f64 {
+fn motion_scale(rest: &MotionState, states: &[MotionState]) -> f64 {
     distance(states, &vec![rest.clone(); states.len()])
 }

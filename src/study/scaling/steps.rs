@@ -193,7 +193,8 @@ fn step(gpu: &Gpu, point: &[Cell], rigid: &mut Option<Vec<DVec3>>) -> Result<Vec
                 rigid.insert(truth.positions()?)
             }
         };
-        off = 100.0 * apart(&simulator.positions()?, there) / apart(&simulator.mesh().nodes, there);
+        off = 100.0 * l2_distance(&simulator.positions()?, there)
+            / l2_distance(&simulator.mesh().nodes, there);
     }
     Ok(vec![
         simulator.mesh().nodes.len().into(),
@@ -203,7 +204,7 @@ fn step(gpu: &Gpu, point: &[Cell], rigid: &mut Option<Vec<DVec3>>) -> Result<Vec
     ])
 }
 
-fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
+fn l2_distance(a: &[DVec3], b: &[DVec3]) -> f64 {
     let sum: f64 = a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum();
     sum.sqrt()
 }

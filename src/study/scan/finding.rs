@@ -1,7 +1,7 @@
 //! Findings of the scan study: charts and text.
 
 use super::Sizes;
-use super::subject::FINE;
+use super::subject::REFERENCE_SAMPLES_PER_VOXEL;
 use crate::Result;
 use crate::study::scaling::fit_exponent;
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
@@ -69,7 +69,7 @@ pub(super) fn tell(run: &Run, sizes: &Sizes, rows: &[Row]) -> Result<()> {
         "A scan of {n} × {n} × {n} voxels ({:.1} million) in a ball that is bent to a circular arc is rendered at {p} × {p} pixels: embedded in cages of a few tets and sampled at the rest position of each ray point, or stored at the nodes of fine meshes, as means over the nodes' cells or as samples at the nodes. The error is relative to the image of the scan bent without a mesh (float64, {} samples per voxel); R² is the fraction of that image's gradients that is reproduced. Time is that of a frame relative to the cage of {one} nodes, rendered alternately, the median of {} pairs. Memory is that of the mesh and the scan on the device.\n\n\
          | | nodes | tets | RMSE (1/255) | FLIP | R² of gradients | time | ms | MB |\n|---|---|---|---|---|---|---|---|---|",
         (n as f64).powi(3) / 1e6,
-        FINE,
+        REFERENCE_SAMPLES_PER_VOXEL,
         sizes.pairs,
         p = sizes.pixels,
     );
@@ -131,7 +131,7 @@ fn compared(sizes: &Sizes, reference: &Row, rows: &[Row]) -> String {
             million(tets)
         ),
         _ => format!(
-            "Nodal values ({what}, the more accurate ones) do not reach the error of the cage of {nodes} nodes, {goal:.2}/255: with {} tets, it is {least:.2}/255, {:.1} times as large, in {:.2} times its time per frame.",
+            "Nodal values ({what}, the more accurate ones) do not reach the error of the cage of {nodes} nodes, {goal:.2}/255: with {} tets, their error is {least:.2}/255, {:.1} times as large, in {:.2} times its time per frame.",
             million(most),
             least / goal,
             of(["share", "tets"]).last().map_or(f64::NAN, |p| p[0])

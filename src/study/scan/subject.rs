@@ -5,7 +5,8 @@ use crate::Result;
 use crate::mesh::{LocalFrame, TetMesh, Topology};
 use crate::parallel;
 use crate::render::{
-    Camera, Geometry, Image, RaycastOptions, Raycaster, ResolvedTransfer, Scan, local_positions,
+    AbsoluteTransferFunction, Camera, Geometry, Image, RaycastOptions, Raycaster, Scan,
+    local_positions,
 };
 use crate::study::Run;
 use glam::{DVec2, DVec3};
@@ -16,7 +17,7 @@ const BEND: f64 = 1.0;
 pub(super) const BALL: f64 = 0.5;
 const BOUNDING_RADIUS: f64 = 0.6;
 /// Samples per voxel of the reference image.
-pub(super) const FINE: f64 = 8.0;
+pub(super) const REFERENCE_SAMPLES_PER_VOXEL: f64 = 8.0;
 /// Opacity at which a ray of the reference image terminates.
 const OPAQUE: f64 = 1.0 - 1e-6;
 
@@ -47,7 +48,7 @@ fn unbent(p: DVec3) -> DVec3 {
 /// The scan, and how it is rendered.
 pub(super) struct Subject {
     scan: Scan,
-    transfer: ResolvedTransfer,
+    transfer: AbsoluteTransferFunction,
     pub camera: Camera,
     pub size: [u32; 2],
 }
@@ -72,7 +73,8 @@ impl Subject {
 
     /// Computes the float64 reference image of the bent scan, without any mesh.
     pub fn truth(&self) -> Image {
-        let pixels = self.exact(1.0 / (FINE * self.scan.volume.size[0] as f64));
+        let pixels =
+            self.exact(1.0 / (REFERENCE_SAMPLES_PER_VOXEL * self.scan.volume.size[0] as f64));
         Image {
             size: self.size,
             channels: 4,
@@ -157,7 +159,7 @@ mod tests {
     use crate::render::ReferenceRaycaster;
 
     /// Returns the RMS difference, in 1/255.
-    fn apart(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
+    fn rms_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
         let pairs = a.as_flattened().iter().zip(b.as_flattened());
         let square: f64 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
         255.0 * (square / (4 * a.len()) as f64).sqrt()
@@ -182,17 +184,25 @@ mod tests {
     fn exact_image_matches_fine_mesh_rays() {
         let subject = Subject::new(48, 40).unwrap();
         let voxel = 1.0 / 48.0;
-        let pixels = subject.exact(voxel / FINE);
-        let finer = apart(&pixels, &subject.exact(voxel / (4.0 * FINE)));
+        let pixels = subject.exact(voxel / REFERENCE_SAMPLES_PER_VOXEL);
+        let finer = rms_difference(
+            &pixels,
+            &subject.exact(voxel / (4.0 * REFERENCE_SAMPLES_PER_VOXEL)),
+        );
         assert!(finer < 0.1, "{finer}");
         let through_tets = |cells: usize| {
             let mesh = generate::ball(BALL, cells).unwrap();
             let positions: Vec<DVec3> = mesh.nodes.iter().map(|p| bent(*p)).collect();
-            let rays = ReferenceRaycaster::from_scan(&mesh, &positions, &subject.scan, FINE);
+            let rays = ReferenceRaycaster::from_scan(
+                &mesh,
+                &positions,
+                &subject.scan,
+                REFERENCE_SAMPLES_PER_VOXEL,
+            );
             let all = rays.render(&subject.camera, subject.size, |rays, ray| {
                 rays.composite(ray, &subject.transfer)
             });
-            apart(&pixels, &all)
+            rms_difference(&pixels, &all)
         };
         let [few, many] = [8, 24].map(through_tets);
         println!("{finer:.4} by steps, {few:.3} of few tets, {many:.3} of many");

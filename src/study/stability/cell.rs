@@ -118,7 +118,7 @@ impl Trial {
         }
         let largest = truth
             .iter()
-            .map(|x| apart(x, &mesh.nodes))
+            .map(|x| rms_distance(x, &mesh.nodes))
             .fold(0.0, f64::max);
         Ok(Trial {
             mesh: mesh.clone(),
@@ -172,7 +172,7 @@ impl Trial {
             }
             if compare {
                 let truth = self.truth_at(f64::from(done) * h);
-                let off = apart(&body.positions()?, &truth) / self.largest;
+                let off = rms_distance(&body.positions()?, &truth) / self.largest;
                 error = error.max(off);
             }
         }
@@ -196,7 +196,7 @@ impl Trial {
 }
 
 /// Returns the RMS distance.
-fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
+fn rms_distance(a: &[DVec3], b: &[DVec3]) -> f64 {
     let sum: f64 = a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum();
     (sum / a.len() as f64).sqrt()
 }

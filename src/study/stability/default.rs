@@ -148,8 +148,8 @@ impl Subject {
             }
             iterations += body.iterations()?.iter().rev().take(5).sum::<u32>();
             let truth = exact.positions()?;
-            off = off.max(apart(&body.positions()?, &truth));
-            way = way.max(apart(&self.mesh.nodes, &truth));
+            off = off.max(rms_distance(&body.positions()?, &truth));
+            way = way.max(rms_distance(&self.mesh.nodes, &truth));
         }
         let inverted = body.report()?.inverted_tets;
         let share = off / way;
@@ -175,7 +175,7 @@ fn cells(state: usize, off: f64, inverted: usize, iterations: f64) -> Vec<Cell> 
 }
 
 /// Returns the RMS distance.
-fn apart(a: &[DVec3], b: &[DVec3]) -> f64 {
+fn rms_distance(a: &[DVec3], b: &[DVec3]) -> f64 {
     let sum: f64 = a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum();
     (sum / a.len().max(1) as f64).sqrt()
 }

@@ -77,7 +77,7 @@ impl<'a> Seen<'a> {
         let (range, scale) = (geometry.scalar_range(), geometry.frame().scale);
         let looks = self.looks.clone().unwrap_or_default();
         let of_regions = looks.transfers.iter().map(|t| t.to_absolute(range, scale));
-        let of_regions: Vec<ResolvedTransfer> = of_regions.collect();
+        let of_regions: Vec<AbsoluteTransferFunction> = of_regions.collect();
         let transfer = |tet: u32| match looks.tet_regions.get(tet as usize) {
             None => Some(&own),
             Some(look) => look.map(|row| &of_regions[row as usize]),

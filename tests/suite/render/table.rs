@@ -25,7 +25,7 @@ fn random_transfer(random: &mut Random, density: f64) -> TransferFunction {
 /// Returns the root mean square and maximum error of look-ups, in 1/255.
 fn errors(
     caster: &mut Raycaster,
-    truth: &ResolvedTransfer,
+    truth: &AbsoluteTransferFunction,
     random: &mut Random,
     longest: f64,
 ) -> (f64, f64) {

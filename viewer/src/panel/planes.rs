@@ -15,12 +15,12 @@ impl App {
         let (low, high) = show.bounds;
         let mut planes = scene.plane;
         let mut changed = false;
-        let mut gone = None;
+        let mut removed = None;
         for (n, plane) in planes.iter_mut().enumerate() {
             let row = plane_row(ui, n, plane, (low, high), self.orbit.turn * DVec3::Z);
             changed |= row.changed;
             if row.removed {
-                gone = Some(n);
+                removed = Some(n);
             }
         }
         if !planes.is_empty() {
@@ -50,7 +50,7 @@ impl App {
                 changed = true;
             }
         });
-        if let Some(n) = gone {
+        if let Some(n) = removed {
             planes.remove(n);
             changed = true;
         }
@@ -67,7 +67,7 @@ impl App {
         };
         let (low, high) = show.stage().scalar_field().range;
         let mut surfaces = scene.isosurface;
-        let (mut changed, mut gone) = (false, None);
+        let (mut changed, mut removed) = (false, None);
         for (n, surface) in surfaces.iter_mut().enumerate() {
             ui.push_id(n, |ui| {
                 ui.horizontal(|ui| {
@@ -86,7 +86,7 @@ impl App {
                         changed = true;
                     }
                     if ui.button("×").clicked() {
-                        gone = Some(n);
+                        removed = Some(n);
                     }
                 });
             });
@@ -99,7 +99,7 @@ impl App {
             });
             changed = true;
         }
-        if let Some(n) = gone {
+        if let Some(n) = removed {
             surfaces.remove(n);
             changed = true;
         }

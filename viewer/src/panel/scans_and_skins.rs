@@ -217,13 +217,13 @@ impl App {
         let by_labels = scan
             .labels
             .unwrap_or(!scan.label.is_empty() || plain && labels.is_some());
-        let mut gone = false;
+        let mut removed = false;
         ui.horizontal(|ui| {
             ui.label(name_of(&scan.file))
                 .on_hover_text(scan.file.display().to_string());
-            gone = ui.button("×").on_hover_text("Remove the scan").clicked();
+            removed = ui.button("×").on_hover_text("Remove the scan").clicked();
         });
-        if gone {
+        if removed {
             return self.take_out("scan", number);
         }
         ui.horizontal(|ui| {
@@ -337,7 +337,7 @@ impl App {
     fn skin(&mut self, ui: &mut egui::Ui, number: usize, skin: &SkinEntry) {
         let at = ("skin", number);
         let mut change: Option<(&str, Change)> = None;
-        let mut gone = false;
+        let mut removed = false;
         ui.horizontal(|ui| {
             if eye(ui, !skin.hidden)
                 .on_hover_text("Show or hide")
@@ -370,7 +370,7 @@ impl App {
             }
             ui.label(name_of(&skin.file))
                 .on_hover_text(skin.file.display().to_string());
-            gone = ui.button("×").on_hover_text("Remove the skin").clicked();
+            removed = ui.button("×").on_hover_text("Remove the skin").clicked();
         });
         ui.horizontal(|ui| {
             ui.label("Mapping");
@@ -389,7 +389,7 @@ impl App {
                     }
                 });
         });
-        if gone {
+        if removed {
             self.take_out("skin", number);
         } else if let Some((how, change)) = change {
             self.change(at, how, change);

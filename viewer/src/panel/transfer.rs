@@ -4,7 +4,7 @@ use crate::app::App;
 use crate::document::set;
 use crate::histogram::Histogram;
 use eframe::egui::{self, Color32, EventFilter, Key, Pos2, Rect, Sense, Stroke as Line, Vec2};
-use palpate::render::{ResolvedTransfer, TransferFunction};
+use palpate::render::{AbsoluteTransferFunction, TransferFunction};
 use toml_edit::{DocumentMut, Value};
 
 /// Height of the editor, in points.
@@ -91,7 +91,7 @@ impl Plot {
         &self,
         painter: &egui::Painter,
         histogram: &Histogram,
-        transfer: &ResolvedTransfer,
+        transfer: &AbsoluteTransferFunction,
     ) {
         let bar = self.rect.width() / histogram.bars.len() as f32;
         for (n, share) in histogram.bars.iter().enumerate() {

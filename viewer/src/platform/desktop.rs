@@ -1,6 +1,6 @@
 //! Desktop: file system, system dialogs and threads.
 
-use super::{DialogResult, DialogSender, SaveDialog, endings, foremost};
+use super::{DialogResult, DialogSender, SaveDialog, endings, file_to_open};
 use crate::panel::ImportKind;
 use eframe::egui;
 use palpate::{Error, Result};
@@ -59,9 +59,9 @@ fn wait_for(
     spawn(move || {
         let asked = Instant::now();
         match pollster::block_on(dialog) {
-            Some(file) => wish.grant(chosen(file.path().to_path_buf())),
+            Some(file) => wish.send_result(chosen(file.path().to_path_buf())),
             // A user cannot close a dialog this quickly.
-            None if asked.elapsed() < DIALOG_FAILURE_TIME => wish.grant(DialogResult::Failed(
+            None if asked.elapsed() < DIALOG_FAILURE_TIME => wish.send_result(DialogResult::Failed(
                 "no file dialog is available (on Linux, install xdg-desktop-portal); type the path instead: Ctrl+L".into(),
             )),
             None => {}
@@ -72,8 +72,8 @@ fn wait_for(
 /// Opens dropped files.
 pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &DialogSender) {
     let files = files.iter().map(|f| f.path().to_path_buf()).collect();
-    if let Some(file) = foremost(files) {
-        wish.grant(DialogResult::File(ImportKind::Open, file));
+    if let Some(file) = file_to_open(files) {
+        wish.send_result(DialogResult::File(ImportKind::Open, file));
     }
 }
 

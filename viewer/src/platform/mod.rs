@@ -57,7 +57,7 @@ pub(crate) struct DialogSender {
 }
 
 impl DialogSender {
-    fn grant(&self, chosen: DialogResult) {
+    fn send_result(&self, chosen: DialogResult) {
         // The window may be closed already.
         let _ = self.send.send(chosen);
         self.context.request_repaint();
@@ -65,7 +65,7 @@ impl DialogSender {
 }
 
 /// Returns the file to open of several dropped ones: a scene, or else the first.
-fn foremost(mut files: Vec<PathBuf>) -> Option<PathBuf> {
+fn file_to_open(mut files: Vec<PathBuf>) -> Option<PathBuf> {
     let is_scene = |file: &PathBuf| file.extension().is_some_and(|e| e == "toml");
     let first = files.iter().position(is_scene).unwrap_or(0);
     (!files.is_empty()).then(|| files.swap_remove(first))

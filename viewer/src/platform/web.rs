@@ -1,7 +1,7 @@
 //! Browser: chosen, dropped or fetched files are stored in memory, and saved files are downloaded.
 //! There is one thread.
 
-use super::{DialogResult, DialogSender, SaveDialog, endings, foremost};
+use super::{DialogResult, DialogSender, SaveDialog, endings, file_to_open};
 use crate::panel::ImportKind;
 use eframe::egui;
 use js_sys::{Array, Uint8Array};
@@ -52,11 +52,11 @@ pub(crate) fn choose_file(wish: DialogSender, purpose: ImportKind) {
                         io::insert_file(file.name(), bytes);
                         names.push(PathBuf::from(file.name()));
                     }
-                    Err(_) => return wish.grant(unreadable(&file.name())),
+                    Err(_) => return wish.send_result(unreadable(&file.name())),
                 }
             }
-            if let Some(file) = foremost(names) {
-                wish.grant(DialogResult::File(purpose, file));
+            if let Some(file) = file_to_open(names) {
+                wish.send_result(DialogResult::File(purpose, file));
             }
         });
     });
@@ -75,7 +75,7 @@ fn unreadable(name: &str) -> DialogResult {
 
 /// Saves under the proposed name without a dialog.
 pub(crate) fn choose_place(place: &SaveDialog<'_>, wish: DialogSender) {
-    wish.grant(DialogResult::Place(place.path.to_path_buf()));
+    wish.send_result(DialogResult::Place(place.path.to_path_buf()));
 }
 
 /// Opens files dropped on the page.
@@ -87,12 +87,12 @@ pub(crate) fn take_dropped(files: &[egui::DroppedFileHandle], wish: &DialogSende
             let path = file.path().to_path_buf();
             match file.bytes_async().await {
                 Ok(bytes) => io::insert_file(&path, bytes),
-                Err(_) => return wish.grant(unreadable(&path.to_string_lossy())),
+                Err(_) => return wish.send_result(unreadable(&path.to_string_lossy())),
             }
             names.push(path);
         }
-        if let Some(file) = foremost(names) {
-            wish.grant(DialogResult::File(ImportKind::Open, file));
+        if let Some(file) = file_to_open(names) {
+            wish.send_result(DialogResult::File(ImportKind::Open, file));
         }
     });
 }

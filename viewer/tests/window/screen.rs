@@ -20,7 +20,7 @@ const LOOK: Duration = Duration::from_millis(20);
 /// A guard against hangs.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// Maximum number of steps until a body comes to rest.
-const MOST_STEPS: u64 = 3000;
+const MAX_STEPS: u64 = 3000;
 
 /// Held by the only window: concurrent windows would distort each other's timings.
 static ALONE: Mutex<()> = Mutex::new(());
@@ -203,8 +203,8 @@ impl Window {
                 // Opening a body resets the number of steps.
                 let done = steps(last).saturating_sub(first);
                 assert!(
-                    done < MOST_STEPS,
-                    "the body does not come to rest within {MOST_STEPS} steps: {last}"
+                    done < MAX_STEPS,
+                    "the body does not come to rest within {MAX_STEPS} steps: {last}"
                 );
             }
             assert!(

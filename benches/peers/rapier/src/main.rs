@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 const YOUNG: f32 = 1e6;
 const DENSITY: f64 = 1000.0;
-const MOST_SUBSTEPS: usize = 16;
+const MAX_SUBSTEPS: usize = 16;
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
@@ -96,7 +96,7 @@ fn run(bar: &Bar, asked: &Asked, mut frame: impl FnMut(&[Vector])) -> Result<(f6
         }
     }
     let substeps = (asked.frame / asked.step).round() as usize;
-    let worlds = substeps.div_ceil(MOST_SUBSTEPS);
+    let worlds = substeps.div_ceil(MAX_SUBSTEPS);
     let mut world = PhysicsWorld::new();
     world.gravity = Vector::new(0.0, 0.0, -asked.gravity as f32);
     let parameters = &mut world.integration_parameters;

@@ -19,9 +19,9 @@ use slice::{Image, Slice};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Tolerance of the slice spacing, relative,
+/// Relative tolerance of the slice spacing.
 const UNEVEN: f64 = 0.02;
-/// and absolute, in mm, for the rounding of the stored positions.
+/// Absolute tolerance of the slice spacing, mm, for the rounding of the stored positions.
 const ROUNDING: f64 = 0.01;
 
 /// Reads the series with the most images in `folder` (among equals, the one with the first

@@ -33,7 +33,7 @@ impl<T: Real> CpuBody<T> {
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for invalid attachments.
-    pub fn set_attachments(&mut self, attachments: &[NodeConstraint]) -> Result<()> {
+    pub fn set_node_constraints(&mut self, attachments: &[NodeConstraint]) -> Result<()> {
         check_attachments(attachments, self.node_count())?;
         let same_nodes = self.held().eq(held(attachments));
         self.attachments.clear();
@@ -48,8 +48,8 @@ impl<T: Real> CpuBody<T> {
         };
         let draws: Vec<NodeConstraint> = attachments.iter().filter(soft).copied().collect();
         self.loads.set_target_springs(&draws, place, rest, units);
-        let tethers = rigid.map(|rigid| rigid.target_springs(attachments, (place, rest), units));
-        self.set_target_springs(tethers.unwrap_or_default());
+        let springs = rigid.map(|rigid| rigid.target_springs(attachments, (place, rest), units));
+        self.set_target_springs(springs.unwrap_or_default());
         if !same_nodes {
             self.free_nodes();
         }
@@ -95,13 +95,13 @@ impl<T: Real> CpuBody<T> {
         Ok(())
     }
 
-    fn set_target_springs(&mut self, tethers: Vec<RigidTargetSpring>) {
+    fn set_target_springs(&mut self, springs: Vec<RigidTargetSpring>) {
         let known: Option<&mut RigidTargetSprings<T>> = find_term_mut(&mut self.terms);
         if let Some(known) = known {
-            known.set(tethers, &self.plan);
-        } else if !tethers.is_empty() {
+            known.set(springs, &self.plan);
+        } else if !springs.is_empty() {
             let mut term = RigidTargetSprings::new(&self.plan);
-            term.set(tethers, &self.plan);
+            term.set(springs, &self.plan);
             self.add_term(Box::new(term));
         }
     }
@@ -117,8 +117,8 @@ impl<T: Real> CpuBody<T> {
 
     /// Whether any node has a prescribed motion.
     pub(super) fn has_prescribed_motion(&self) -> bool {
-        let led = |a: &NodeConstraint| matches!(a, NodeConstraint::Prescribed { velocity, .. } if *velocity != DVec3::ZERO);
-        self.attachments.iter().any(led)
+        let is_moving = |a: &NodeConstraint| matches!(a, NodeConstraint::Prescribed { velocity, .. } if *velocity != DVec3::ZERO);
+        self.attachments.iter().any(is_moving)
     }
 
     fn held(&self) -> impl Iterator<Item = u32> {

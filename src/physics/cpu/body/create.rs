@@ -2,10 +2,10 @@
 
 use super::{CpuBody, ForceStatus, KinematicState};
 use crate::physics::cpu::elements::term::ElementTerm;
+use crate::physics::cpu::external_loads::ExternalLoads;
 use crate::physics::cpu::implicit::linear_step::LinearStepSolver;
 use crate::physics::cpu::implicit::newton::NewtonSolver;
 use crate::physics::cpu::implicit::schemes::ImplicitScheme;
-use crate::physics::cpu::node_constraints::Loads;
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::rigid::layout::build_layout;
 use crate::physics::cpu::runtime::energy_guard::EnergyGuard;
@@ -92,7 +92,7 @@ impl<T: Real> CpuBody<T> {
             moving_constraints: Vec::new(),
             gravity: DVec3::ZERO,
             external: vec![DVec3::ZERO; count],
-            loads: Loads::empty(nodes),
+            loads: ExternalLoads::empty(nodes),
             terms: vec![material_term(network, kind, (&order, units, &plan))],
             newton,
             next: state.clone(),

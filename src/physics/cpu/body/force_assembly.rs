@@ -1,7 +1,7 @@
 //! Assembly of forces, energies and the finiteness check, in one pass over a state.
 
 use super::explicit::{self, ExplicitInput};
-use crate::physics::cpu::node_constraints::Loads;
+use crate::physics::cpu::external_loads::ExternalLoads;
 use crate::physics::cpu::partition::{Nodes, Partition};
 use crate::physics::cpu::runtime::energy_guard::StepTotals;
 use crate::physics::cpu::scalar::Real;
@@ -20,7 +20,7 @@ pub struct ForceSources<'a, T> {
     /// Masses, local units.
     pub masses: &'a [T],
     /// External loads.
-    pub loads: &'a Loads<T>,
+    pub loads: &'a ExternalLoads<T>,
     /// Energy terms.
     pub terms: &'a [Box<dyn Term<T>>],
 }

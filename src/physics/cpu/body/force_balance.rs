@@ -2,8 +2,8 @@
 
 use super::CpuBody;
 use super::force_assembly::ForceSources;
+use crate::physics::cpu::external_loads::ExternalLoads;
 use crate::physics::cpu::implicit::contact_terms::{self_contact, tool_contact};
-use crate::physics::cpu::node_constraints::Loads;
 use crate::physics::cpu::rigid::pose::{DegreesOfFreedom, PROXY_NODES};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
@@ -16,7 +16,7 @@ impl<T: Real> CpuBody<T> {
     pub(in crate::physics::cpu) fn force_balance(&self, stiffness: &[f64]) -> ForceBalance {
         let nodes = self.engine_index.len();
         let still = vec![zero(); nodes];
-        let forces_of = |loads: &Loads<T>| {
+        let forces_of = |loads: &ExternalLoads<T>| {
             let mut forces: Vec<V4<T>> = vec![zero(); nodes];
             let sources = ForceSources {
                 plan: &self.plan,
@@ -31,7 +31,7 @@ impl<T: Real> CpuBody<T> {
             self.plan.in_pool(|| sources.forces(at, &mut forces));
             forces
         };
-        let internal = forces_of(&Loads::empty(nodes));
+        let internal = forces_of(&ExternalLoads::empty(nodes));
         // Not the difference of both sums: loads may be far below the rounding of the forces.
         let mut loads: Vec<V4<T>> = vec![zero(); nodes];
         for chunk in 0..self.plan.chunks() {

@@ -20,9 +20,10 @@ pub(super) mod tets;
 pub(super) mod tools;
 
 use super::elements::muscle::MuscleTerm;
+use super::external_loads::ExternalLoads;
 use super::implicit::linear_step::LinearStepSolver;
 use super::implicit::newton::NewtonSolver;
-use super::node_constraints::{Loads, NodeConstraint};
+use super::node_constraints::NodeConstraint;
 use super::partition::Partition;
 use super::pressure::Pressure;
 use super::runtime::energy_guard::EnergyGuard;
@@ -60,7 +61,7 @@ pub struct CpuBody<T: Real> {
     pub(super) moving_constraints: Vec<(usize, V4<T>)>,
     pub(super) gravity: DVec3,
     pub(super) external: Vec<DVec3>,
-    pub(super) loads: Loads<T>,
+    pub(super) loads: ExternalLoads<T>,
     pub(super) terms: Vec<Box<dyn Term<T>>>,
     pub(super) state: KinematicState<T>,
     pub(super) next: KinematicState<T>,

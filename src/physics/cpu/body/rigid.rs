@@ -2,7 +2,8 @@
 
 use super::CpuBody;
 use super::force_assembly::ForceSources;
-use crate::physics::cpu::node_constraints::{Loads, NodeConstraint};
+use crate::physics::cpu::external_loads::ExternalLoads;
+use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::cpu::rigid::pose::{DegreesOfFreedom, PROXY_NODES, Pose, RigidGroup};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
@@ -129,7 +130,7 @@ impl<T: Real> CpuBody<T> {
         let sources = ForceSources {
             plan: &self.plan,
             masses: &self.masses,
-            loads: &Loads::empty(self.engine_index.len()),
+            loads: &ExternalLoads::empty(self.engine_index.len()),
             terms: &self.terms,
         };
         let at = StateRef {

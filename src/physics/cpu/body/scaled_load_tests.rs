@@ -354,7 +354,7 @@ fn steady_prescribed_motion_translates_body_without_strain() {
         let mut off = 0.0f64;
         for n in 0..40 {
             let moved = f64::from(n) * h * velocity;
-            let led: Vec<NodeConstraint> = ends
+            let prescribed: Vec<NodeConstraint> = ends
                 .iter()
                 .map(|v| NodeConstraint::Prescribed {
                     node: *v,
@@ -362,7 +362,7 @@ fn steady_prescribed_motion_translates_body_without_strain() {
                     velocity,
                 })
                 .collect();
-            body.set_attachments(&led).unwrap();
+            body.set_node_constraints(&prescribed).unwrap();
             body.run(1, h).unwrap();
             let after = moved + h * velocity;
             for (x, rest) in body.positions().iter().zip(&network.rest_positions) {
@@ -378,7 +378,7 @@ fn steady_prescribed_motion_translates_body_without_strain() {
                 place: network.rest_positions[*v as usize] + 41.0 * h * velocity,
             })
             .collect();
-        body.set_attachments(&holds).unwrap();
+        body.set_node_constraints(&holds).unwrap();
         body.run(1, h).unwrap();
         let late = |(x, rest): (&DVec3, &DVec3)| x.distance(*rest + 41.0 * h * velocity);
         let late = body

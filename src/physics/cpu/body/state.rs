@@ -56,7 +56,7 @@ impl<T: Real> CpuBody<T> {
             }),
             basis: implicit.map(|i| CoarseSpaceState {
                 projected_solves_left: self.newton.as_ref().map_or(0, |n| n.projected),
-                ..i.basis.clone()
+                ..i.coarse_state.clone()
             }),
             guard: self.guard,
             previous_dt: self.previous_dt,

@@ -70,7 +70,7 @@ impl<T: Real> Steppable for CpuBody<T> {
             self.set_tool_targets(&tools)?;
         }
         match change.attachments {
-            Some(attachments) => self.set_attachments(&attachments),
+            Some(attachments) => self.set_node_constraints(&attachments),
             None => Ok(()),
         }
     }

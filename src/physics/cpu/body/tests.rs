@@ -150,7 +150,7 @@ impl<T: Real> Pair<T> {
             stiffness: p.2,
             limit: p.3,
         }));
-        self.body.set_attachments(&all).unwrap();
+        self.body.set_node_constraints(&all).unwrap();
         self.pulls = pulls.to_vec();
         self.twin.pinned[hold] = true;
         self.twin.x[hold] = place;
@@ -547,7 +547,7 @@ fn step_failure_reports_cause() {
             node: count as u32,
             place: DVec3::ZERO,
         };
-        assert!(pair.body.set_attachments(&[far]).is_err());
+        assert!(pair.body.set_node_constraints(&[far]).is_err());
     }
     let none = CgSettings {
         tolerance: 0.0,

@@ -12,8 +12,8 @@ use crate::physics::cpu::contact::parameters::{
 };
 use crate::physics::cpu::contact::self_contact::SelfContactTerm;
 use crate::physics::cpu::contact::tool_contact::{LocalToolPose, ToolContact, ToolState};
-use crate::physics::cpu::implicit::contact_iterations::{apply_push_out, resolve_penetration};
 use crate::physics::cpu::implicit::contact_terms::{self_contact, tool_contact, tool_contact_mut};
+use crate::physics::cpu::implicit::push_out::{apply_push_out, resolve_penetration};
 use crate::physics::cpu::runtime::steppable::ToolTarget;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::StateRef;
@@ -50,8 +50,8 @@ impl<T: Real> CpuBody<T> {
             self.add_term(Box::new(term));
         }
         let at = LocalToolPose {
-            place: network.to_metres(tool.pose.place()) / self.units.length,
-            turn: tool.pose.turn().normalize(),
+            position: network.to_metres(tool.pose.position()) / self.units.length,
+            rotation: tool.pose.rotation().normalize(),
         };
         let unit = network.length_unit / self.units.length;
         let Some(contact) = tool_contact_mut(&mut self.terms) else {
@@ -66,7 +66,7 @@ impl<T: Real> CpuBody<T> {
             to: at,
             friction: tool.friction,
             gap,
-            jumps: 0,
+            teleport_count: 0,
         });
         self.invalidate(ForceStatus::Restart);
     }
@@ -105,13 +105,13 @@ impl<T: Real> CpuBody<T> {
     /// [`Error::Input`] for invalid poses, or a wrong number of them.
     pub fn set_tool_targets(&mut self, tools: &[ToolTarget]) -> Result<()> {
         let length = self.units.length;
-        let place = |pose: &ToolPose| LocalToolPose {
-            place: pose.place() / length,
-            turn: pose.turn().normalize(),
+        let local_pose = |pose: &ToolPose| LocalToolPose {
+            position: pose.position() / length,
+            rotation: pose.rotation().normalize(),
         };
-        let places: Vec<LocalToolPose> = tools
+        let poses: Vec<LocalToolPose> = tools
             .iter()
-            .map(|(pose, _)| check_pose(pose).map(|()| place(pose)))
+            .map(|(pose, _)| check_pose(pose).map(|()| local_pose(pose)))
             .collect::<Result<_>>()?;
         let count = tool_contact(&self.terms).map_or(0, |c| c.tools.len());
         if count != tools.len() {
@@ -124,13 +124,13 @@ impl<T: Real> CpuBody<T> {
             return Ok(());
         };
         let mut jumped = false;
-        for (k, (place, (_, jumps))) in places.iter().zip(tools).enumerate() {
-            if contact.tools[k].jumps == *jumps {
-                contact.tools[k].to = *place;
+        for (k, (pose, (_, teleport_count))) in poses.iter().zip(tools).enumerate() {
+            if contact.tools[k].teleport_count == *teleport_count {
+                contact.tools[k].to = *pose;
                 continue;
             }
-            contact.tools[k].jumps = *jumps;
-            contact.teleport(k, *place);
+            contact.tools[k].teleport_count = *teleport_count;
+            contact.teleport(k, *pose);
             jumped = true;
         }
         self.invalidate(match jumped {

@@ -18,10 +18,11 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Gap of a pair that is closer at rest, over its rest distance.
 const REST_GAP_RATIO: f64 = 0.8;
 
-/// Pairs whose gap would be less than the first fraction of the common gap coincide at rest. They
-/// are ignored until a step begins with them separated by it, and then have the second fraction as
-/// their gap.
+/// Fraction of the common gap below which pairs coincide at rest. They are ignored until a step
+/// begins with them separated by it.
 const COINCIDENT_GAP_RATIO: f64 = 1e-2;
+
+/// Gap of these pairs once they are separated, over the common gap.
 const SEPARATED_GAP_RATIO: f64 = 5e-2;
 
 /// Fraction of its area that a vertex or an edge counts: each point of the surface has several
@@ -136,7 +137,7 @@ impl SelfContactSurface {
 
     /// Returns the position of a node.
     #[inline]
-    pub fn place<T: Real>(&self, i: u32, u: &[V4<T>]) -> DVec3 {
+    pub fn position<T: Real>(&self, i: u32, u: &[V4<T>]) -> DVec3 {
         self.hull.position(i as usize, u)
     }
 
@@ -146,7 +147,7 @@ impl SelfContactSurface {
     pub fn exceeds_margin<T: Real>(&self, u: &[V4<T>]) -> bool {
         let ways = || {
             let nodes = self.hull.nodes.iter().zip(&self.trajectories);
-            nodes.map(|((i, _), [a, b])| (self.place(*i, u), *a, *b - *a))
+            nodes.map(|((i, _), [a, b])| (self.position(*i, u), *a, *b - *a))
         };
         let (mut travelled, mut all) = (0.0, 0.0);
         for (p, a, way) in ways() {

@@ -18,8 +18,10 @@ const MAX_STAGE_ADVANCE: f64 = 0.5;
 /// Maximum number of such advances in a step.
 const MAX_STAGES: f64 = 64.0;
 
-/// Points closer to a moving tool than the first fraction of its gap are pushed out to the second.
+/// Fraction of the gap of a moving tool below which points are pushed out.
 const PUSH_OUT_BELOW: f64 = 0.1;
+
+/// Fraction of the gap to which these points are pushed out.
 const PUSH_OUT_TO: f64 = 0.8;
 
 /// Advance of a tool per push-out substep, over half of its thickness.
@@ -32,8 +34,8 @@ const MAX_PUSH_OUT_ROUNDS: usize = 60;
 /// and the mean boundary edge length; a step beyond it is rejected.
 const MAX_PENETRATION_RATIO: f64 = 0.02;
 
-/// Largest number of conservative advancement steps of one point.
-const MAX_CCD_ITERATIONS: usize = 60;
+/// Maximum number of conservative advancement steps of a point, as in `contact_ccd.wgsl`.
+const MAX_POINT_CCD_ITERATIONS: usize = 60;
 
 impl<T: Real> ToolContact<T> {
     /// Begins a step of `time`: selects the points that may come near tools while no node moves by
@@ -54,10 +56,10 @@ impl<T: Real> ToolContact<T> {
             return 0;
         }
         self.update_friction(u);
-        let far =
-            |tool: &ToolState| tool.max_travel(self.hull.max_distance_from(tool.from.place, u));
-        let way = self.tools.iter().map(far).fold(0.0, f64::max);
-        (way / (MAX_STAGE_ADVANCE * self.hull.edge))
+        let max_travel_of =
+            |tool: &ToolState| tool.max_travel(self.hull.max_distance_from(tool.from.position, u));
+        let travel = self.tools.iter().map(max_travel_of).fold(0.0, f64::max);
+        (travel / (MAX_STAGE_ADVANCE * self.hull.edge))
             .ceil()
             .clamp(1.0, MAX_STAGES) as u32
     }
@@ -67,7 +69,7 @@ impl<T: Real> ToolContact<T> {
         let tools = &self.tools;
         let near = |tool| ToolNeighbourhood {
             tool,
-            extra: ToolState::max_travel(tool, hull.max_distance_from(tool.from.place, u))
+            extra: ToolState::max_travel(tool, hull.max_distance_from(tool.from.position, u))
                 + tool.gap,
         };
         let all: Vec<ToolNeighbourhood<'_>> = tools.iter().map(near).collect();
@@ -138,9 +140,9 @@ impl<T: Real> ToolContact<T> {
         [from, to]: [f64; 2],
     ) -> Vec<(usize, DVec3)> {
         let ways = self.tools.iter().map(|tool| {
-            let way =
-                tool.max_travel(self.hull.max_distance_from(tool.from.place, u)) * (to - from);
-            way / (PUSH_SUBSTEP * tool.shape.half_thickness())
+            let travel =
+                tool.max_travel(self.hull.max_distance_from(tool.from.position, u)) * (to - from);
+            travel / (PUSH_SUBSTEP * tool.shape.half_thickness())
         });
         let moves = ways.fold(1.0, f64::max).ceil().min(1e4) as usize;
         let mut pushed = BTreeMap::new();
@@ -170,9 +172,9 @@ impl<T: Real> ToolContact<T> {
             let touch = tool.touch(p);
             let moves = |(i, w): (usize, f64)| w * w * free[i].to_f64();
             let all: f64 = s.corners().map(moves).sum();
-            let far = PUSH_OUT_TO * tool.gap - touch.distance;
+            let push_out = PUSH_OUT_TO * tool.gap - touch.distance;
             for (i, w) in s.corners().filter(|(i, _)| free[*i] > T::ZERO) {
-                *pushed.entry(i).or_default() += far * w / all * touch.normal;
+                *pushed.entry(i).or_default() += push_out * w / all * touch.normal;
             }
             any = true;
         }
@@ -180,9 +182,9 @@ impl<T: Real> ToolContact<T> {
     }
 
     /// Teleports a tool.
-    pub fn teleport(&mut self, tool: usize, place: LocalToolPose) {
+    pub fn teleport(&mut self, tool: usize, pose: LocalToolPose) {
         if let Some(tool) = self.tools.get_mut(tool) {
-            (tool.from, tool.at, tool.to) = (place, place, place);
+            (tool.from, tool.at, tool.to) = (pose, pose, pose);
         }
     }
 }
@@ -190,26 +192,26 @@ impl<T: Real> ToolContact<T> {
 /// Returns the fraction of the path between two positions on which a point does not penetrate a
 /// tool too deeply.
 fn point_tool_toi(tool: &ToolState, [a, b]: [DVec3; 2]) -> f64 {
-    let (length, deep) = (
+    let (length, allowed_penetration) = (
         a.distance(b),
         MAX_ITERATION_PENETRATION * tool.shape.half_thickness(),
     );
-    // Points that are already deeper are not stopped: waiting does not help them.
-    let start = tool.distance(a) + deep;
-    if deep.is_infinite() || start <= 0.0 {
+    // Points that are already deeper are not limited.
+    let initial_clearance = tool.distance(a) + allowed_penetration;
+    if allowed_penetration.is_infinite() || initial_clearance <= 0.0 {
         return 1.0;
     }
-    let (mut t, mut free) = (0.0, start);
-    for _ in 0..MAX_CCD_ITERATIONS {
+    let (mut t, mut free) = (0.0, initial_clearance);
+    for _ in 0..MAX_POINT_CCD_ITERATIONS {
         if length * (1.0 - t) <= free {
             return 1.0;
         }
         // Converged.
-        if free <= 1e-2 * start.min(deep) {
+        if free <= 1e-2 * initial_clearance.min(allowed_penetration) {
             break;
         }
         t += free / length;
-        free = tool.distance(a.lerp(b, t)) + deep;
+        free = tool.distance(a.lerp(b, t)) + allowed_penetration;
     }
     t
 }

@@ -21,12 +21,12 @@ pub(in crate::physics) struct ReferenceToolContact {
 }
 
 impl ReferenceToolContact {
-    /// Creates the contact without tools; `least_speed` is the regularisation speed of the
-    /// friction.
-    pub fn new(hull: BoundarySurface, least_speed: f64) -> ReferenceToolContact {
+    /// Creates the contact without tools; `static_friction_speed` is the regularisation speed of
+    /// the friction.
+    pub fn new(hull: BoundarySurface, static_friction_speed: f64) -> ReferenceToolContact {
         let plan = Partition::with_chunks(vec![0, hull.rest.len()], 1);
         ReferenceToolContact {
-            contact: ToolContact::new(hull, &plan, least_speed),
+            contact: ToolContact::new(hull, &plan, static_friction_speed),
             plan,
         }
     }
@@ -34,8 +34,8 @@ impl ReferenceToolContact {
     /// Adds a tool with this friction and gap.
     pub fn add(&mut self, shape: Shape, friction: f64, gap: f64) {
         let nowhere = LocalToolPose {
-            place: DVec3::ZERO,
-            turn: glam::DQuat::IDENTITY,
+            position: DVec3::ZERO,
+            rotation: glam::DQuat::IDENTITY,
         };
         self.contact.tools.push(ToolState {
             shape,
@@ -44,7 +44,7 @@ impl ReferenceToolContact {
             to: nowhere,
             friction,
             gap,
-            jumps: 0,
+            teleport_count: 0,
         });
     }
 
@@ -58,12 +58,12 @@ impl ReferenceToolContact {
         paths: &[ToolMotion],
         (time, margin): (f64, f64),
     ) {
-        let place = |[place, turn]: [[f64; 4]; 2]| LocalToolPose {
-            place: DVec3::new(place[0], place[1], place[2]),
-            turn: glam::DQuat::from_array(turn).normalize(),
+        let pose = |[position, rotation]: [[f64; 4]; 2]| LocalToolPose {
+            position: DVec3::new(position[0], position[1], position[2]),
+            rotation: glam::DQuat::from_array(rotation).normalize(),
         };
         for (tool, path) in self.contact.tools.iter_mut().zip(paths) {
-            (tool.from, tool.to) = (place(path.from), place(path.to));
+            (tool.from, tool.to) = (pose(path.from), pose(path.to));
         }
         self.contact.begin(u, (free, &self.plan), (time, margin));
         self.contact.set_tool_fraction(1.0);

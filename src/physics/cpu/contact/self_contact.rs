@@ -24,11 +24,14 @@ use std::collections::BTreeMap;
 /// edge length.
 const CANDIDATE_MARGIN: f64 = 0.1;
 
-/// Initially intersecting edges and faces are separated: by the first fraction of the mean edge
-/// length per step, up to the second, with the third times the stiffness of the material behind
-/// them.
+/// Distance by which initially intersecting edges and faces are separated per step, over the mean
+/// edge length.
 const SEPARATION_STEP: f64 = 0.1;
+
+/// Distance to which they are separated, over the mean edge length.
 const SEPARATION_DISTANCE: f64 = 0.1;
+
+/// Stiffness of their separation springs, over that of the material behind them.
 const SEPARATION_STIFFNESS: f64 = 30.0;
 
 /// Friction data of a pair, from the previous iterate.
@@ -37,7 +40,7 @@ struct PairFriction {
     weights: [f64; 4],
     normal: DVec3,
     /// μ times the normal force.
-    limit: f64,
+    max_force: f64,
 }
 
 /// A pair within its gap.
@@ -46,8 +49,8 @@ struct ActivePair {
     normal: DVec3,
     barrier: Barrier,
     /// m, and its gradient at the four nodes.
-    share: f64,
-    slope: [DVec3; 4],
+    mollifier: f64,
+    mollifier_gradient: [DVec3; 4],
 }
 
 /// A spring that pulls an edge out of a face: E = ½ k (goal − s)² while the clearance s of its end
@@ -58,7 +61,7 @@ struct SeparationSpring {
     goal: f64,
     /// k.
     stiffness: f64,
-    home: u32,
+    chunk: u32,
 }
 
 /// The self-contact term of a body.
@@ -68,13 +71,13 @@ pub(in crate::physics::cpu) struct SelfContactTerm<T> {
     /// ĝ.
     pub gap: f64,
     /// Regularisation speed of the friction.
-    pub least_speed: f64,
+    pub static_friction_speed: f64,
     pairs: Vec<CollisionCandidate>,
     /// Indices of the pairs with a node in each chunk.
-    homes: Vec<Vec<u32>>,
-    rubs: Vec<PairFriction>,
-    drawn: Vec<SeparationSpring>,
-    firsts: Vec<usize>,
+    chunk_pairs: Vec<Vec<u32>>,
+    lagged_friction: Vec<PairFriction>,
+    separation_springs: Vec<SeparationSpring>,
+    chunk_starts: Vec<usize>,
     blocks: PointBlocks<T>,
 }
 
@@ -83,19 +86,19 @@ impl<T: Real> SelfContactTerm<T> {
     pub fn new(
         hull: BoundarySurface,
         plan: &Partition,
-        [friction, gap, least_speed]: [f64; 3],
+        [friction, gap, static_friction_speed]: [f64; 3],
     ) -> SelfContactTerm<T> {
         let chunks = plan.chunks();
         SelfContactTerm {
             surface: SelfContactSurface::new(hull),
             friction,
             gap,
-            least_speed,
+            static_friction_speed,
             pairs: Vec::new(),
-            homes: vec![Vec::new(); chunks],
-            rubs: Vec::new(),
-            drawn: Vec::new(),
-            firsts: (0..chunks).map(|c| plan.range(c).start).collect(),
+            chunk_pairs: vec![Vec::new(); chunks],
+            lagged_friction: Vec::new(),
+            separation_springs: Vec::new(),
+            chunk_starts: (0..chunks).map(|c| plan.range(c).start).collect(),
             blocks: PointBlocks::new(chunks),
         }
     }
@@ -109,8 +112,8 @@ impl<T: Real> SelfContactTerm<T> {
     ) -> bool {
         self.surface.begin(with.0);
         self.find_intersections(with.0, with.2);
-        self.rubs.clear();
-        self.choose(with, rigid, moved, CANDIDATE_MARGIN * self.surface.edge());
+        self.lagged_friction.clear();
+        self.select_candidates(with, rigid, moved, CANDIDATE_MARGIN * self.surface.edge());
         self.update_friction(with.0);
         !self.is_empty()
     }
@@ -119,37 +122,39 @@ impl<T: Real> SelfContactTerm<T> {
     fn find_intersections(&mut self, u: &[V4<T>], plan: &Partition) {
         let edge = self.surface.edge();
         let found = self.surface.mark_intersections(u);
-        let draw = |crossing: Intersection| {
+        let spring = |crossing: Intersection| {
             let depth = self.signed_clearance(&crossing, u);
             SeparationSpring {
                 goal: (SEPARATION_DISTANCE * edge).min(depth + SEPARATION_STEP * edge),
                 stiffness: SEPARATION_STIFFNESS * crossing.weight / edge,
-                home: plan.chunk_of(crossing.nodes[0] as usize) as u32,
+                chunk: plan.chunk_of(crossing.nodes[0] as usize) as u32,
                 crossing,
             }
         };
-        self.drawn = found.into_iter().map(draw).collect();
+        self.separation_springs = found.into_iter().map(spring).collect();
     }
 
     /// Returns the signed distance of an intersecting edge's end in front of the face; negative
     /// behind it.
     fn signed_clearance(&self, crossing: &Intersection, u: &[V4<T>]) -> f64 {
         let ends = crossing.nodes.iter().zip(crossing.weights);
-        let apart: DVec3 = ends.map(|(i, w)| w * self.surface.place(*i, u)).sum();
-        apart.dot(crossing.normal)
+        let separation: DVec3 = ends.map(|(i, w)| w * self.surface.position(*i, u)).sum();
+        separation.dot(crossing.normal)
     }
 
     /// Returns the missing clearance; 0 if there is enough.
-    fn separation_deficit(&self, drawn: &SeparationSpring, u: &[V4<T>]) -> f64 {
-        (drawn.goal - self.signed_clearance(&drawn.crossing, u)).max(0.0)
+    fn separation_deficit(&self, spring: &SeparationSpring, u: &[V4<T>]) -> f64 {
+        (spring.goal - self.signed_clearance(&spring.crossing, u)).max(0.0)
     }
 
     /// Returns whether any edge intersects a face at `u`, if the step began without intersections.
     pub fn has_new_intersections(&mut self, u: &[V4<T>]) -> bool {
-        self.drawn.is_empty() && !self.pairs.is_empty() && !self.surface.crossings(u).is_empty()
+        self.separation_springs.is_empty()
+            && !self.pairs.is_empty()
+            && !self.surface.crossings(u).is_empty()
     }
 
-    fn choose(
+    fn select_candidates(
         &mut self,
         with: (&[V4<T>], &[T], &Partition),
         rigid: &RigidBodies,
@@ -159,24 +164,27 @@ impl<T: Real> SelfContactTerm<T> {
         let key =
             |pair: &CollisionCandidate| (pair.features == PrimitivePair::EdgeEdge, pair.nodes);
         // Keeps the friction forces of pairs that are selected again.
-        let rubs: BTreeMap<_, PairFriction> = self
+        let lagged_friction: BTreeMap<_, PairFriction> = self
             .pairs
             .iter()
-            .zip(&self.rubs)
-            .filter(|(_, rub)| rub.limit > 0.0)
-            .map(|(pair, rub)| (key(pair), *rub))
+            .zip(&self.lagged_friction)
+            .filter(|(_, friction)| friction.max_force > 0.0)
+            .map(|(pair, friction)| (key(pair), *friction))
             .collect();
         self.pairs = self
             .surface
             .build_candidates(with, rigid, moved, (self.gap, margin));
-        self.homes.iter_mut().for_each(Vec::clear);
+        self.chunk_pairs.iter_mut().for_each(Vec::clear);
         for (k, pair) in self.pairs.iter().enumerate() {
-            pair.chunks_of().for_each(|c| self.homes[c].push(k as u32));
+            pair.chunks_of()
+                .for_each(|c| self.chunk_pairs[c].push(k as u32));
         }
-        let rub = |pair: &CollisionCandidate| rubs.get(&key(pair)).copied().unwrap_or_default();
-        self.rubs = match rubs.is_empty() {
+        let friction = |pair: &CollisionCandidate| {
+            lagged_friction.get(&key(pair)).copied().unwrap_or_default()
+        };
+        self.lagged_friction = match lagged_friction.is_empty() {
             true => Vec::new(),
-            false => self.pairs.iter().map(rub).collect(),
+            false => self.pairs.iter().map(friction).collect(),
         };
     }
 
@@ -191,7 +199,7 @@ impl<T: Real> SelfContactTerm<T> {
         if [from, to].iter().any(|u| self.surface.exceeds_margin(u)) {
             let moved = |i: usize| to_dvec(to[i]) - to_dvec(from[i]);
             let margin = CANDIDATE_MARGIN * self.surface.edge();
-            self.choose((from, free, plan), rigid, &moved, margin);
+            self.select_candidates((from, free, plan), rigid, &moved, margin);
         }
     }
 
@@ -205,45 +213,46 @@ impl<T: Real> SelfContactTerm<T> {
         kept: f64,
     ) -> f64 {
         self.refresh_candidates([from, to], with, rigid);
-        let ways = self.pairs.iter().map(|pair| {
-            let ends = [from, to].map(|u| self.places(pair, u));
+        let fractions = self.pairs.iter().map(|pair| {
+            let ends = [from, to].map(|u| self.positions(pair, u));
             pair.features
                 .collision_free_fraction(&ends[0], &ends[1], kept)
         });
-        ways.fold(1.0, f64::min)
+        fractions.fold(1.0, f64::min)
     }
 
     /// Returns whether no pair may come near.
     pub fn is_empty(&self) -> bool {
-        self.pairs.is_empty() && self.drawn.is_empty()
+        self.pairs.is_empty() && self.separation_springs.is_empty()
     }
 
-    fn places(&self, pair: &CollisionCandidate, u: &[V4<T>]) -> [DVec3; 4] {
-        pair.nodes.map(|i| self.surface.place(i, u))
+    fn positions(&self, pair: &CollisionCandidate, u: &[V4<T>]) -> [DVec3; 4] {
+        pair.nodes.map(|i| self.surface.position(i, u))
     }
 
     /// Returns the contact data of a pair, or `None` beyond its gap.
     fn active_pair(&self, pair: &CollisionCandidate, u: &[V4<T>]) -> Option<ActivePair> {
-        let x = self.places(pair, u);
+        let x = self.positions(pair, u);
         let nearest = pair.features.closest_points(&x);
         if nearest.distance >= pair.gap {
             return None;
         }
-        let (share, slope) = pair.features.edge_edge_mollifier(&x, pair.lengths);
+        let (mollifier, mollifier_gradient) = pair.features.edge_edge_mollifier(&x, pair.lengths);
         Some(ActivePair {
             weights: nearest.weights,
             normal: nearest.normal,
             barrier: Barrier::unclamped(nearest.distance / pair.gap),
-            share,
-            slope,
+            mollifier,
+            mollifier_gradient,
         })
     }
 
     /// Returns the forces of an active pair on its four nodes.
-    fn push(pair: &CollisionCandidate, own: &ActivePair) -> [DVec3; 4] {
-        let along = -pair.weight * own.share * own.barrier.first_derivative * own.normal;
-        let turn = -pair.weight * pair.gap * own.barrier.value;
-        [0, 1, 2, 3].map(|k| own.weights[k] * along + turn * own.slope[k])
+    fn pair_forces(pair: &CollisionCandidate, active: &ActivePair) -> [DVec3; 4] {
+        let along =
+            -pair.weight * active.mollifier * active.barrier.first_derivative * active.normal;
+        let by_gradient = -pair.weight * pair.gap * active.barrier.value;
+        [0, 1, 2, 3].map(|k| active.weights[k] * along + by_gradient * active.mollifier_gradient[k])
     }
 
     /// Stores the normal forces and normals at `u` for friction. Returns the relative change of the
@@ -252,23 +261,24 @@ impl<T: Real> SelfContactTerm<T> {
         if self.friction == 0.0 {
             return 0.0;
         }
-        let mut rubs = std::mem::take(&mut self.rubs);
-        rubs.resize(self.pairs.len(), PairFriction::default());
+        let mut lagged_friction = std::mem::take(&mut self.lagged_friction);
+        lagged_friction.resize(self.pairs.len(), PairFriction::default());
         let (mut change, mut all) = (0.0, 0.0);
-        for (pair, rub) in self.pairs.iter().zip(&mut rubs) {
-            let before = std::mem::take(rub);
-            if let Some(own) = self.active_pair(pair, u) {
-                let force = pair.weight * own.share * own.barrier.first_derivative.abs();
-                *rub = PairFriction {
-                    weights: own.weights,
-                    normal: own.normal,
-                    limit: self.friction * force,
+        for (pair, friction) in self.pairs.iter().zip(&mut lagged_friction) {
+            let before = std::mem::take(friction);
+            if let Some(active) = self.active_pair(pair, u) {
+                let force = pair.weight * active.mollifier * active.barrier.first_derivative.abs();
+                *friction = PairFriction {
+                    weights: active.weights,
+                    normal: active.normal,
+                    max_force: self.friction * force,
                 };
             }
-            change += (rub.limit * rub.normal).distance(before.limit * before.normal);
-            all += rub.limit;
+            change +=
+                (friction.max_force * friction.normal).distance(before.max_force * before.normal);
+            all += friction.max_force;
         }
-        self.rubs = rubs;
+        self.lagged_friction = lagged_friction;
         match change > 0.0 {
             true => change / all.max(change),
             false => 0.0,
@@ -276,46 +286,50 @@ impl<T: Real> SelfContactTerm<T> {
     }
 
     /// Returns the tangential velocity of the first primitive of a pair relative to the second.
-    fn sliding(pair: &CollisionCandidate, rub: &PairFriction, v: &[V4<T>]) -> DVec3 {
-        let nodes = pair.nodes.iter().zip(rub.weights);
+    fn sliding(pair: &CollisionCandidate, friction: &PairFriction, v: &[V4<T>]) -> DVec3 {
+        let nodes = pair.nodes.iter().zip(friction.weights);
         let off: DVec3 = nodes.map(|(i, w)| w * to_dvec(v[*i as usize])).sum();
-        off - rub.normal * rub.normal.dot(off)
+        off - friction.normal * friction.normal.dot(off)
     }
 
     /// Σ λ² w²/m over pairs; see [`super::tool_contact::ToolContact::residual_scale`].
-    pub fn weight(&self, u: &[V4<T>], over: impl Fn(usize, DVec3) -> f64) -> f64 {
+    pub fn residual_scale(&self, u: &[V4<T>], over: impl Fn(usize, DVec3) -> f64) -> f64 {
         let of = |pair: &CollisionCandidate| {
-            let own = self.active_pair(pair, u)?;
-            let forces = pair.nodes.iter().zip(Self::push(pair, &own));
+            let active = self.active_pair(pair, u)?;
+            let forces = pair.nodes.iter().zip(Self::pair_forces(pair, &active));
             Some(forces.map(|(i, f)| over(*i as usize, f)).sum::<f64>())
         };
-        let drawn = self.drawn.iter().map(|drawn| {
-            let forces = drawn
+        let separation_springs = self.separation_springs.iter().map(|spring| {
+            let forces = spring
                 .crossing
                 .nodes
                 .iter()
-                .zip(self.separation_forces(drawn, u));
+                .zip(self.separation_forces(spring, u));
             forces.map(|(i, f)| over(*i as usize, f)).sum::<f64>()
         });
-        self.pairs.iter().filter_map(of).sum::<f64>() + drawn.sum::<f64>()
+        self.pairs.iter().filter_map(of).sum::<f64>() + separation_springs.sum::<f64>()
     }
 
     /// Returns the forces of a separation spring.
-    fn separation_forces(&self, drawn: &SeparationSpring, u: &[V4<T>]) -> [DVec3; 4] {
-        let force = drawn.stiffness * self.separation_deficit(drawn, u) * drawn.crossing.normal;
-        drawn.crossing.weights.map(|w| w * force)
+    fn separation_forces(&self, spring: &SeparationSpring, u: &[V4<T>]) -> [DVec3; 4] {
+        let force = spring.stiffness * self.separation_deficit(spring, u) * spring.crossing.normal;
+        spring.crossing.weights.map(|w| w * force)
     }
 
     /// Returns the energy of a chunk's separation springs.
     fn separation_energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
-        let own = self.drawn.iter().filter(|d| d.home as usize == chunk);
-        own.map(|d| 0.5 * d.stiffness * self.separation_deficit(d, u).powi(2))
+        let springs = self
+            .separation_springs
+            .iter()
+            .filter(|d| d.chunk as usize == chunk);
+        springs
+            .map(|d| 0.5 * d.stiffness * self.separation_deficit(d, u).powi(2))
             .sum()
     }
 
     /// Returns the pairs with a node in a chunk, and whether the chunk counts their energy.
     fn of_chunk(&self, chunk: usize) -> impl Iterator<Item = (usize, &CollisionCandidate, bool)> {
-        self.homes[chunk].iter().map(move |k| {
+        self.chunk_pairs[chunk].iter().map(move |k| {
             let pair = &self.pairs[*k as usize];
             (*k as usize, pair, pair.chunks[0] as usize == chunk)
         })
@@ -325,21 +339,26 @@ impl<T: Real> SelfContactTerm<T> {
     fn add(&self, chunk: usize, nodes: &[u32; 4], forces: [DVec3; 4], f: &mut [V4<T>]) {
         for (i, force) in nodes.iter().zip(forces) {
             // Nodes before the chunk wrap around and are beyond its end.
-            if let Some(f) = f.get_mut((*i as usize).wrapping_sub(self.firsts[chunk])) {
+            if let Some(f) = f.get_mut((*i as usize).wrapping_sub(self.chunk_starts[chunk])) {
                 *f = add(*f, to_v4(force));
             }
         }
     }
 
     fn friction_of(&self, k: usize) -> Option<&PairFriction> {
-        self.rubs.get(k).filter(|rub| rub.limit > 0.0)
+        self.lagged_friction
+            .get(k)
+            .filter(|friction| friction.max_force > 0.0)
     }
 
     /// Returns the minimum of distance over gap of all pairs at `u`.
     #[cfg(test)]
     pub fn min_gap_ratio(&self, u: &[V4<T>]) -> f64 {
         let gap = |pair: &CollisionCandidate| {
-            pair.features.closest_points(&self.places(pair, u)).distance / pair.gap
+            pair.features
+                .closest_points(&self.positions(pair, u))
+                .distance
+                / pair.gap
         };
         self.pairs.iter().map(gap).fold(f64::INFINITY, f64::min)
     }
@@ -355,19 +374,19 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
     fn elastic_forces(&self, chunk: usize, u: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         let mut energy = 0.0;
         for (_, pair, counts) in self.of_chunk(chunk) {
-            let Some(own) = self.active_pair(pair, u) else {
+            let Some(active) = self.active_pair(pair, u) else {
                 continue;
             };
-            self.add(chunk, &pair.nodes, Self::push(pair, &own), f);
+            self.add(chunk, &pair.nodes, Self::pair_forces(pair, &active), f);
             if counts {
-                energy += own.share * pair.weight * pair.gap * own.barrier.value;
+                energy += active.mollifier * pair.weight * pair.gap * active.barrier.value;
             }
         }
-        for drawn in &self.drawn {
+        for spring in &self.separation_springs {
             self.add(
                 chunk,
-                &drawn.crossing.nodes,
-                self.separation_forces(drawn, u),
+                &spring.crossing.nodes,
+                self.separation_forces(spring, u),
                 f,
             );
         }
@@ -375,12 +394,13 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
     }
 
     fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
-        let own = self.of_chunk(chunk).filter(|(.., counts)| *counts);
-        own.filter_map(|(_, pair, _)| {
-            let own = self.active_pair(pair, u)?;
-            Some(own.share * pair.weight * pair.gap * own.barrier.value)
-        })
-        .sum::<f64>()
+        let counted = self.of_chunk(chunk).filter(|(.., counts)| *counts);
+        counted
+            .filter_map(|(_, pair, _)| {
+                let active = self.active_pair(pair, u)?;
+                Some(active.mollifier * pair.weight * pair.gap * active.barrier.value)
+            })
+            .sum::<f64>()
             + self.separation_energy(chunk, u)
     }
 
@@ -391,15 +411,15 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
     fn damping_forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         let mut loss = 0.0;
         for (k, pair, counts) in self.of_chunk(chunk) {
-            let Some(rub) = self.friction_of(k) else {
+            let Some(friction) = self.friction_of(k) else {
                 continue;
             };
-            let slide = Self::sliding(pair, rub, at.v);
-            let slip = FrictionMollifier::at(slide.length(), self.least_speed);
-            let force = -rub.limit * slip.slope_over_speed * slide;
-            self.add(chunk, &pair.nodes, rub.weights.map(|w| w * force), f);
+            let slide = Self::sliding(pair, friction, at.v);
+            let slip = FrictionMollifier::at(slide.length(), self.static_friction_speed);
+            let force = -friction.max_force * slip.slope_over_speed * slide;
+            self.add(chunk, &pair.nodes, friction.weights.map(|w| w * force), f);
             if counts {
-                loss += rub.limit * slip.value;
+                loss += friction.max_force * slip.value;
             }
         }
         loss
@@ -410,30 +430,41 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
         plan: &Partition,
         at: StateRef<'_, T>,
         h: T,
-        share: SystemContribution<'_, T>,
+        contribution: SystemContribution<'_, T>,
     ) {
         let h = h.to_f64();
         let mut blocks = std::mem::replace(&mut self.blocks, PointBlocks::new(0));
         blocks.clear();
         for (k, pair) in self.pairs.iter().enumerate() {
-            if let Some(own) = self.active_pair(pair, at.u) {
-                let bend =
-                    h * h * own.share * pair.weight * own.barrier.second_derivative / pair.gap;
-                let block = bend * outer_product(own.normal);
-                blocks.push(plan, (pair.nodes, own.weights), &block, share.diagonal);
+            if let Some(active) = self.active_pair(pair, at.u) {
+                let stiffness_along =
+                    h * h * active.mollifier * pair.weight * active.barrier.second_derivative
+                        / pair.gap;
+                let block = stiffness_along * outer_product(active.normal);
+                blocks.push(
+                    plan,
+                    (pair.nodes, active.weights),
+                    &block,
+                    contribution.diagonal,
+                );
             }
-            if let Some(rub) = self.friction_of(k) {
-                let slide = Self::sliding(pair, rub, at.v);
-                let slip = FrictionMollifier::at(slide.length(), self.least_speed);
+            if let Some(friction) = self.friction_of(k) {
+                let slide = Self::sliding(pair, friction, at.v);
+                let slip = FrictionMollifier::at(slide.length(), self.static_friction_speed);
                 // The secant stiffness in all tangential directions; with the exact derivative,
                 // sliding pairs would oscillate.
-                let plane = DMat3::IDENTITY - outer_product(rub.normal);
-                let block = plane * (h * rub.limit * slip.slope_over_speed);
-                blocks.push(plan, (pair.nodes, rub.weights), &block, share.diagonal);
+                let plane = DMat3::IDENTITY - outer_product(friction.normal);
+                let block = plane * (h * friction.max_force * slip.slope_over_speed);
+                blocks.push(
+                    plan,
+                    (pair.nodes, friction.weights),
+                    &block,
+                    contribution.diagonal,
+                );
             }
         }
-        for drawn in self
-            .drawn
+        for spring in self
+            .separation_springs
             .iter()
             .filter(|d| self.separation_deficit(d, at.u) > 0.0)
         {
@@ -442,15 +473,16 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
                 weights,
                 normal,
                 ..
-            } = drawn.crossing;
-            let block = outer_product(normal) * (h * h * drawn.stiffness);
-            blocks.push(plan, (nodes, weights), &block, share.diagonal);
+            } = spring.crossing;
+            let block = outer_product(normal) * (h * h * spring.stiffness);
+            blocks.push(plan, (nodes, weights), &block, contribution.diagonal);
         }
         self.blocks = blocks;
     }
 
     fn multiply(&self, chunk: usize, p: &[V4<T>], y: &mut [V4<T>]) {
-        self.blocks.multiply((chunk, self.firsts[chunk]), p, y);
+        self.blocks
+            .multiply((chunk, self.chunk_starts[chunk]), p, y);
     }
 
     fn visit_off_diagonal(&self, visit: &mut dyn FnMut([u32; 2], &DMat3)) {

@@ -108,7 +108,7 @@ fn prescribed_motion_pushes_obstacle() {
         let velocity = DVec3::new(0.0, 0.0, -0.6);
         let mut most = 0;
         for step in 0..10 {
-            let led: Vec<NodeConstraint> = top
+            let prescribed: Vec<NodeConstraint> = top
                 .iter()
                 .map(|v| {
                     let at = |step| start[*v as usize] + f64::from(step) * h * velocity;
@@ -125,7 +125,7 @@ fn prescribed_motion_pushes_obstacle() {
                     }
                 })
                 .collect();
-            meeting.body.set_attachments(&led).unwrap();
+            meeting.body.set_node_constraints(&prescribed).unwrap();
             meeting.body.run(1, h).unwrap();
             most = most.max(meeting.pierced());
         }
@@ -151,7 +151,7 @@ fn prescribed_motion_against_fixed_block_reports_blocked_contact() {
     let all = 0..mesh.nodes.len() as u32;
     let start = meeting.body.positions();
     let down = DVec3::new(0.0, 0.0, -2.0);
-    let led: Vec<NodeConstraint> = all
+    let prescribed: Vec<NodeConstraint> = all
         .map(|node| NodeConstraint::Prescribed {
             node,
             place: start[node as usize],
@@ -162,7 +162,7 @@ fn prescribed_motion_against_fixed_block_reports_blocked_contact() {
         })
         .filter(|a| matches!(a, NodeConstraint::Prescribed { node, velocity, .. } if *velocity != DVec3::ZERO || mesh.nodes[*node as usize].z < 0.021))
         .collect();
-    meeting.body.set_attachments(&led).unwrap();
+    meeting.body.set_node_constraints(&prescribed).unwrap();
     let refused = meeting.body.run(1, 0.02).unwrap_err();
     assert!(refused.to_string().contains("pressed so hard"), "{refused}");
     assert_eq!(meeting.pierced(), 0);

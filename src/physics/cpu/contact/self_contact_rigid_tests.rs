@@ -177,14 +177,14 @@ fn moved_rigid_region_indents_soft_block() {
         let mut most = 0;
         let at = |node: u32, step: i32| start[node as usize] + f64::from(step) * h * velocity;
         for step in 0..16 {
-            let led: Vec<NodeConstraint> = held
+            let prescribed: Vec<NodeConstraint> = held
                 .iter()
                 .map(|node| NodeConstraint::Fixed {
                     node: *node,
                     place: at(*node, step),
                 })
                 .collect();
-            meeting.body.set_attachments(&led).unwrap();
+            meeting.body.set_node_constraints(&prescribed).unwrap();
             meeting.body.run(1, h).unwrap();
             let through = meeting.pierced();
             most = most.max(through);

@@ -19,8 +19,8 @@ use glam::{DMat3, DQuat, DVec3};
 /// Pose of a tool, in local units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::physics::cpu) struct LocalToolPose {
-    pub place: DVec3,
-    pub turn: DQuat,
+    pub position: DVec3,
+    pub rotation: DQuat,
 }
 
 impl LocalToolPose {
@@ -30,32 +30,32 @@ impl LocalToolPose {
             return *to;
         }
         LocalToolPose {
-            place: self.place.lerp(to.place, share),
-            turn: self.turn.slerp(to.turn, share),
+            position: self.position.lerp(to.position, share),
+            rotation: self.rotation.slerp(to.rotation, share),
         }
     }
 
     /// Transforms `p` to the tool's frame.
     pub fn to_local(self, p: DVec3) -> DVec3 {
-        self.turn.inverse() * (p - self.place)
+        self.rotation.inverse() * (p - self.position)
     }
 
     /// Transforms `p` from the tool's frame.
     pub fn to_world(self, p: DVec3) -> DVec3 {
-        self.place + self.turn * p
+        self.position + self.rotation * p
     }
 
     /// Returns the exact components.
     pub fn numbers(&self) -> [f64; 7] {
-        let ([a, b, c], [x, y, z, w]) = (self.place.to_array(), self.turn.to_array());
+        let ([a, b, c], [x, y, z, w]) = (self.position.to_array(), self.rotation.to_array());
         [a, b, c, x, y, z, w]
     }
 
     /// Restores a pose from [`LocalToolPose::numbers`].
     pub fn of_numbers([a, b, c, x, y, z, w]: [f64; 7]) -> LocalToolPose {
         LocalToolPose {
-            place: DVec3::new(a, b, c),
-            turn: DQuat::from_array([x, y, z, w]),
+            position: DVec3::new(a, b, c),
+            rotation: DQuat::from_array([x, y, z, w]),
         }
     }
 }
@@ -72,18 +72,18 @@ pub(in crate::physics::cpu) struct ToolState {
     /// ĝ.
     pub gap: f64,
     /// Number of teleports.
-    pub jumps: u64,
+    pub teleport_count: u64,
 }
 
 impl ToolState {
     /// Returns the surface distance of `p`.
     pub fn touch(&self, p: DVec3) -> SurfaceDistance {
         let touch = self.shape.surface_distance(self.at.to_local(p));
-        let turn = DMat3::from_quat(self.at.turn);
+        let rotation = DMat3::from_quat(self.at.rotation);
         SurfaceDistance {
             distance: touch.distance,
-            normal: turn * touch.normal,
-            curvature: turn * touch.curvature * turn.transpose(),
+            normal: rotation * touch.normal,
+            curvature: rotation * touch.curvature * rotation.transpose(),
         }
     }
 
@@ -96,8 +96,8 @@ impl ToolState {
     /// origin.
     pub fn max_travel(&self, reach: f64) -> f64 {
         let arm = self.shape.bounding_radius().min(reach);
-        let angle = self.from.turn.angle_between(self.to.turn);
-        self.from.place.distance(self.to.place) + angle * arm
+        let angle = self.from.rotation.angle_between(self.to.rotation);
+        self.from.position.distance(self.to.position) + angle * arm
     }
 }
 
@@ -123,7 +123,7 @@ pub(in crate::physics::cpu) struct ToolContact<T> {
     pub chunk_points: Vec<Vec<u32>>,
     pub lagged_friction: Vec<ToolFriction>,
     /// Regularisation speed of the friction.
-    pub least_speed: f64,
+    pub static_friction_speed: f64,
     /// Duration of the tools' motion.
     pub time: f64,
     chunk_starts: Vec<usize>,
@@ -133,7 +133,11 @@ pub(in crate::physics::cpu) struct ToolContact<T> {
 
 impl<T: Real> ToolContact<T> {
     /// Creates the term for a boundary, without tools.
-    pub fn new(hull: BoundarySurface, plan: &Partition, least_speed: f64) -> ToolContact<T> {
+    pub fn new(
+        hull: BoundarySurface,
+        plan: &Partition,
+        static_friction_speed: f64,
+    ) -> ToolContact<T> {
         let chunks = plan.chunks();
         ToolContact {
             tools: Vec::new(),
@@ -142,7 +146,7 @@ impl<T: Real> ToolContact<T> {
             candidates_changed: false,
             chunk_points: vec![Vec::new(); chunks],
             lagged_friction: Vec::new(),
-            least_speed,
+            static_friction_speed,
             time: 0.0,
             chunk_starts: (0..chunks).map(|c| plan.range(c).start).collect(),
             blocks: PointBlocks::new(chunks),
@@ -180,38 +184,38 @@ impl<T: Real> ToolContact<T> {
     }
 
     /// Returns the tangential velocity of a point relative to the tool.
-    fn tangential_velocity(&self, s: &ContactPoint, rub: &ToolFriction, v: &[V4<T>]) -> DVec3 {
-        let own: DVec3 = s.corners().map(|(i, w)| w * to_dvec(v[i])).sum();
-        let off = own - rub.tool_velocity;
-        off - rub.normal * rub.normal.dot(off)
+    fn tangential_velocity(&self, s: &ContactPoint, friction: &ToolFriction, v: &[V4<T>]) -> DVec3 {
+        let nodal_velocity: DVec3 = s.corners().map(|(i, w)| w * to_dvec(v[i])).sum();
+        let relative_velocity = nodal_velocity - friction.tool_velocity;
+        relative_velocity - friction.normal * friction.normal.dot(relative_velocity)
     }
 
     /// Returns the friction force on a point.
-    fn friction_force(&self, s: &ContactPoint, rub: &ToolFriction, v: &[V4<T>]) -> DVec3 {
-        let slide = self.tangential_velocity(s, rub, v);
-        -rub.max_force
-            * FrictionMollifier::at(slide.length(), self.least_speed).slope_over_speed
+    fn friction_force(&self, s: &ContactPoint, friction: &ToolFriction, v: &[V4<T>]) -> DVec3 {
+        let slide = self.tangential_velocity(s, friction, v);
+        -friction.max_force
+            * FrictionMollifier::at(slide.length(), self.static_friction_speed).slope_over_speed
             * slide
     }
 
     /// Stores the normal forces, normals and tool velocities at the displacements `u` for friction.
     /// Returns the relative change of the forces.
     pub fn update_friction(&mut self, u: &[V4<T>]) -> f64 {
-        let mut rubs = std::mem::take(&mut self.lagged_friction);
-        rubs.resize(self.contact_points.len(), ToolFriction::default());
+        let mut lagged_friction = std::mem::take(&mut self.lagged_friction);
+        lagged_friction.resize(self.contact_points.len(), ToolFriction::default());
         let (mut change, mut all) = (0.0, 0.0);
         if self.damped() && self.time > 0.0 {
-            for (s, rub) in self.contact_points.iter().zip(&mut rubs) {
-                let before = std::mem::take(rub);
+            for (s, friction) in self.contact_points.iter().zip(&mut lagged_friction) {
+                let before = std::mem::take(friction);
                 if self.tools[s.tool as usize].friction > 0.0 {
-                    *rub = self.lagged_friction_of(s, u).unwrap_or_default();
+                    *friction = self.lagged_friction_of(s, u).unwrap_or_default();
                 }
                 let vector = |r: &ToolFriction| r.max_force * r.normal;
-                change += vector(rub).distance(vector(&before));
-                all += rub.max_force;
+                change += vector(friction).distance(vector(&before));
+                all += friction.max_force;
             }
         }
-        self.lagged_friction = rubs;
+        self.lagged_friction = lagged_friction;
         match change > 0.0 {
             true => change / all.max(change),
             false => 0.0,
@@ -220,8 +224,8 @@ impl<T: Real> ToolContact<T> {
 
     fn lagged_friction_of(&self, s: &ContactPoint, u: &[V4<T>]) -> Option<ToolFriction> {
         let (tool, touch) = self.active_distance(s, u)?;
-        let own = tool.at.to_local(self.point(s, u));
-        let moved = tool.to.to_world(own) - tool.from.to_world(own);
+        let local_point = tool.at.to_local(self.point(s, u));
+        let moved = tool.to.to_world(local_point) - tool.from.to_world(local_point);
         Some(ToolFriction {
             normal: touch.normal,
             max_force: tool.friction * self.contact_force(s, tool, &touch).length(),
@@ -258,23 +262,23 @@ impl<T: Real> ToolContact<T> {
                 continue;
             };
             let mut force = self.contact_force(s, tool, &touch);
-            if let Some(rub) = self
+            if let Some(friction) = self
                 .lagged_friction
                 .get(k)
-                .filter(|rub| rub.max_force > 0.0)
+                .filter(|friction| friction.max_force > 0.0)
             {
-                force += self.friction_force(s, rub, at.v);
+                force += self.friction_force(s, friction, at.v);
             }
             let [sum, moment] = &mut sums[s.tool as usize];
             *sum -= force;
-            *moment -= (self.point(s, at.u) - tool.at.place).cross(force);
+            *moment -= (self.point(s, at.u) - tool.at.position).cross(force);
         }
         sums
     }
 
     /// Returns the corners of a point in a chunk, by their index within it.
     #[inline]
-    fn within<'a>(
+    fn corners_in_chunk<'a>(
         &'a self,
         chunk: usize,
         s: &'a ContactPoint,
@@ -282,8 +286,8 @@ impl<T: Real> ToolContact<T> {
     ) -> impl Iterator<Item = (usize, f64)> + 'a {
         let first = self.chunk_starts[chunk];
         // Nodes before the chunk wrap around and are beyond its end.
-        let own = s.corners().map(move |(i, w)| (i.wrapping_sub(first), w));
-        own.filter(move |(i, _)| *i < count)
+        let corners = s.corners().map(move |(i, w)| (i.wrapping_sub(first), w));
+        corners.filter(move |(i, _)| *i < count)
     }
 
     /// Returns the points with a node in a chunk, and whether the chunk counts their energy.
@@ -309,7 +313,7 @@ impl<T: Real> Term<T> for ToolContact<T> {
                 continue;
             };
             let force = self.contact_force(s, tool, &touch);
-            for (i, w) in self.within(chunk, s, f.len()) {
+            for (i, w) in self.corners_in_chunk(chunk, s, f.len()) {
                 f[i] = add(f[i], to_v4(w * force));
             }
             if counts {
@@ -321,13 +325,14 @@ impl<T: Real> Term<T> for ToolContact<T> {
     }
 
     fn energy(&self, chunk: usize, u: &[V4<T>]) -> f64 {
-        let own = self.points_of_chunk(chunk).filter(|(.., counts)| *counts);
-        own.map(|(_, s, _)| {
-            let tool = &self.tools[s.tool as usize];
-            let gap = tool.distance(self.point(s, u)) / tool.gap;
-            s.area_stiffness * tool.gap * Barrier::clamped(gap).value
-        })
-        .sum()
+        let counted = self.points_of_chunk(chunk).filter(|(.., counts)| *counts);
+        counted
+            .map(|(_, s, _)| {
+                let tool = &self.tools[s.tool as usize];
+                let gap = tool.distance(self.point(s, u)) / tool.gap;
+                s.area_stiffness * tool.gap * Barrier::clamped(gap).value
+            })
+            .sum()
     }
 
     fn damped(&self) -> bool {
@@ -337,20 +342,21 @@ impl<T: Real> Term<T> for ToolContact<T> {
     fn damping_forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         let mut loss = 0.0;
         for (k, s, counts) in self.points_of_chunk(chunk) {
-            let Some(rub) = self
+            let Some(friction) = self
                 .lagged_friction
                 .get(k)
-                .filter(|rub| rub.max_force > 0.0)
+                .filter(|friction| friction.max_force > 0.0)
             else {
                 continue;
             };
-            let force = self.friction_force(s, rub, at.v);
-            for (i, w) in self.within(chunk, s, f.len()) {
+            let force = self.friction_force(s, friction, at.v);
+            for (i, w) in self.corners_in_chunk(chunk, s, f.len()) {
                 f[i] = add(f[i], to_v4(w * force));
             }
             if counts {
-                let speed = self.tangential_velocity(s, rub, at.v).length();
-                loss += rub.max_force * FrictionMollifier::at(speed, self.least_speed).value;
+                let speed = self.tangential_velocity(s, friction, at.v).length();
+                loss += friction.max_force
+                    * FrictionMollifier::at(speed, self.static_friction_speed).value;
             }
         }
         loss
@@ -381,22 +387,22 @@ impl<T: Real> Term<T> for ToolContact<T> {
                         touch.curvature * (h * h * s.area_stiffness * barrier.first_derivative);
                 }
             }
-            if let Some(rub) = self
+            if let Some(friction) = self
                 .lagged_friction
                 .get(k)
-                .filter(|rub| rub.max_force > 0.0)
+                .filter(|friction| friction.max_force > 0.0)
             {
-                let slide = self.tangential_velocity(s, rub, at.v);
-                let slip = FrictionMollifier::at(slide.length(), self.least_speed);
+                let slide = self.tangential_velocity(s, friction, at.v);
+                let slip = FrictionMollifier::at(slide.length(), self.static_friction_speed);
                 let along = slide.normalize_or_zero();
-                let plane = DMat3::IDENTITY - outer_product(rub.normal);
-                let across = plane * slip.slope_over_speed;
-                let bend = match self.projected {
+                let plane = DMat3::IDENTITY - outer_product(friction.normal);
+                let isotropic = plane * slip.slope_over_speed;
+                let second_derivative = match self.projected {
                     true => slip.projected_hessian(),
-                    false => slip.bend,
+                    false => slip.second_derivative,
                 };
-                let way = outer_product(along) * (bend - slip.slope_over_speed);
-                block += (across + way) * (h * rub.max_force);
+                let along_slip = outer_product(along) * (second_derivative - slip.slope_over_speed);
+                block += (isotropic + along_slip) * (h * friction.max_force);
             }
             blocks.push(plan, s.spread(), &block, share.diagonal);
         }

@@ -104,17 +104,21 @@ pub(in crate::physics::cpu) fn cofactor<L: Lane>(m: &LaneMat3<L>) -> LaneMat3<L>
 pub(in crate::physics::cpu) fn cofactor_from_gradient<L: Lane>(
     g: &LaneMat3<L>,
 ) -> (LaneMat3<L>, LaneMat3<L>, L) {
-    let small = cofactor(g);
+    let g_cofactor = cofactor(g);
     let trace = g[0][0] + g[1][1] + g[2][2];
-    let growth = trace + (small[0][0] + small[1][1] + small[2][2]) + dot(small[0], g[0]);
-    // cof(I + G) − I.
-    let less: LaneMat3<L> = std::array::from_fn(|j| {
+    let volume_strain =
+        trace + (g_cofactor[0][0] + g_cofactor[1][1] + g_cofactor[2][2]) + dot(g_cofactor[0], g[0]);
+    let cofactor_minus_identity: LaneMat3<L> = std::array::from_fn(|j| {
         std::array::from_fn(|i| {
-            let c = small[j][i] - g[i][j];
+            let c = g_cofactor[j][i] - g[i][j];
             if i == j { c + trace } else { c }
         })
     });
-    (add_identity(&less), less, growth)
+    (
+        add_identity(&cofactor_minus_identity),
+        cofactor_minus_identity,
+        volume_strain,
+    )
 }
 
 /// Returns I + m.

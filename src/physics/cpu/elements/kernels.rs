@@ -24,59 +24,64 @@ impl<T: Real> TetBatch<T> {
     pub fn energy(&self, law: ConstitutiveModel, g: &LaneMat3<T::Lanes>) -> T::Lanes {
         let half = T::Lanes::splat(0.5);
         let mu = self.lame[0];
-        let small = cofactor(g);
-        let turn = small[0][0] + small[1][1] + small[2][2];
-        let bulge = dot(small[0], g[0]);
-        let growth = (g[0][0] + g[1][1] + g[2][2]) + turn + bulge;
+        let g_cofactor = cofactor(g);
+        let trace_cofactor = g_cofactor[0][0] + g_cofactor[1][1] + g_cofactor[2][2];
+        let det_g = dot(g_cofactor[0], g[0]);
+        let volume_strain = (g[0][0] + g[1][1] + g[2][2]) + trace_cofactor + det_g;
         let shear = match law {
             ConstitutiveModel::NeoHookean => {
                 let square = dot(g[0], g[0]) + dot(g[1], g[1]) + dot(g[2], g[2]);
-                half * square - turn - bulge
+                half * square - trace_cofactor - det_g
             }
             ConstitutiveModel::Corotated => {
                 let m = Svd::new(g).stretch;
                 dot(m, m)
             }
         };
-        mu * shear + volumetric_energy(self.lame, growth)
+        mu * shear + volumetric_energy(self.lame, volume_strain)
     }
 
     /// Whether any of the tetrahedra is inverted or flat.
     #[inline(always)]
     pub fn inverted(&self, g: &LaneMat3<T::Lanes>) -> bool {
-        let growth = cofactor_from_gradient(g).2;
-        T::Lanes::splat(-1.0).any_above(growth)
+        let volume_strain = cofactor_from_gradient(g).2;
+        T::Lanes::splat(-1.0).any_above(volume_strain)
     }
 
-    /// Returns P times the volume, as columns, and the energy. `push` is an additional pressure
-    /// times the volume, from outside the element's own law.
+    /// Returns P times the volume, as columns, and the energy. `extra_pressure` is an additional
+    /// pressure times the volume, from outside the element's own law.
     #[inline(always)]
     pub fn stress(
         &self,
         law: ConstitutiveModel,
         g: &LaneMat3<T::Lanes>,
-        push: T::Lanes,
+        extra_pressure: T::Lanes,
     ) -> (LaneMat3<T::Lanes>, T::Lanes) {
-        let (c, less, growth) = cofactor_from_gradient(g);
+        let (c, cofactor_minus_identity, volume_strain) = cofactor_from_gradient(g);
         let mu = self.lame[0];
-        let swelling = volumetric_energy(self.lame, growth);
-        let pressure = volume_stress(self.lame, growth)[0] + push;
+        let volumetric = volumetric_energy(self.lame, volume_strain);
+        let pressure = volumetric_derivatives(self.lame, volume_strain)[0] + extra_pressure;
         match law {
             ConstitutiveModel::NeoHookean => {
                 let square = dot(g[0], g[0]) + dot(g[1], g[1]) + dot(g[2], g[2]);
                 let trace = g[0][0] + g[1][1] + g[2][2];
                 let half = T::Lanes::splat(0.5);
-                let energy = mu * (half * square - (growth - trace)) + swelling;
+                let energy = mu * (half * square - (volume_strain - trace)) + volumetric;
                 // F − cof F, with the identity matrices cancelled analytically.
-                let stress = combine(|j, i| mu * (g[j][i] - less[j][i]) + pressure * c[j][i]);
+                let stress = combine(|j, i| {
+                    mu * (g[j][i] - cofactor_minus_identity[j][i]) + pressure * c[j][i]
+                });
                 (stress, energy)
             }
             ConstitutiveModel::Corotated => {
                 let svd = Svd::new(g);
                 let m = svd.stretch;
-                let energy = mu * dot(m, m) + swelling;
-                let bent = svd.compose(m.map(|x| (mu + mu) * x));
-                (combine(|j, i| bent[j][i] + pressure * c[j][i]), energy)
+                let energy = mu * dot(m, m) + volumetric;
+                let deviatoric_stress = svd.compose(m.map(|x| (mu + mu) * x));
+                (
+                    combine(|j, i| deviatoric_stress[j][i] + pressure * c[j][i]),
+                    energy,
+                )
             }
         }
     }
@@ -89,30 +94,32 @@ impl<T: Real> TetBatch<T> {
         law: ConstitutiveModel,
         g: &LaneMat3<T::Lanes>,
         d: &LaneMat3<T::Lanes>,
-        [push, push_change]: [T::Lanes; 2],
+        [extra_pressure, extra_pressure_change]: [T::Lanes; 2],
     ) -> LaneMat3<T::Lanes> {
         let mu = self.lame[0];
-        let (c, _, growth) = cofactor_from_gradient(g);
-        let [own, stiffness] = volume_stress(self.lame, growth);
-        let pressure = own + push;
-        let change =
-            stiffness * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2])) + push_change;
+        let (c, _, volume_strain) = cofactor_from_gradient(g);
+        let [law_pressure, stiffness] = volumetric_derivatives(self.lame, volume_strain);
+        let pressure = law_pressure + extra_pressure;
+        let change = stiffness * (dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2]))
+            + extra_pressure_change;
         let f = add_identity(g);
-        let turning = |j: usize| -> LaneVec3<T::Lanes> {
+        let cofactor_differential = |j: usize| -> LaneVec3<T::Lanes> {
             let (k, l) = ((j + 1) % 3, (j + 2) % 3);
             let (a, b) = (cross(d[k], f[l]), cross(f[k], d[l]));
             std::array::from_fn(|i| a[i] + b[i])
         };
-        let turning: LaneMat3<T::Lanes> = std::array::from_fn(turning);
+        let cofactor_differential: LaneMat3<T::Lanes> = std::array::from_fn(cofactor_differential);
         match law {
-            ConstitutiveModel::NeoHookean => {
-                combine(|j, i| mu * d[j][i] + change * c[j][i] + (pressure - mu) * turning[j][i])
-            }
+            ConstitutiveModel::NeoHookean => combine(|j, i| {
+                mu * d[j][i] + change * c[j][i] + (pressure - mu) * cofactor_differential[j][i]
+            }),
             ConstitutiveModel::Corotated => {
-                let turned = Svd::new(g).rotation_differential(d);
+                let rotation_change = Svd::new(g).rotation_differential(d);
                 let two = mu + mu;
                 combine(|j, i| {
-                    two * (d[j][i] - turned[j][i]) + change * c[j][i] + pressure * turning[j][i]
+                    two * (d[j][i] - rotation_change[j][i])
+                        + change * c[j][i]
+                        + pressure * cofactor_differential[j][i]
                 })
             }
         }
@@ -126,19 +133,19 @@ impl<T: Real> TetBatch<T> {
         &self,
         (law, projected): (ConstitutiveModel, bool),
         g: &LaneMat3<T::Lanes>,
-        push: T::Lanes,
+        extra_pressure: T::Lanes,
         scale: T::Lanes,
-        mut take: impl FnMut(usize, [[V4<T>; 3]; 4]),
+        mut emit: impl FnMut(usize, [[V4<T>; 3]; 4]),
     ) {
         let lame = self.lame.map(|l| l * scale);
-        let push = push * scale;
+        let extra_pressure = extra_pressure * scale;
         let gradients = self.all_gradients();
         if law == ConstitutiveModel::NeoHookean && !projected {
             let f = add_identity(g);
-            let (c, _, growth) = cofactor_from_gradient(g);
+            let (c, _, volume_strain) = cofactor_from_gradient(g);
             let mu = lame[0];
-            let [own, lambda] = volume_stress(lame, growth);
-            let s = own + push - mu;
+            let [law_pressure, lambda] = volumetric_derivatives(lame, volume_strain);
+            let s = law_pressure + extra_pressure - mu;
             let cg = gradients.map(|g| times(&c, g));
             for (n, [a, b]) in NODE_PAIRS.iter().enumerate() {
                 // μ g_a·g_b I + λ (C g_a)(C g_b)ᵀ − s [F (g_a × g_b)]×.
@@ -157,16 +164,18 @@ impl<T: Real> TetBatch<T> {
                 block[2][1] = block[2][1] + w[0];
                 block[0][2] = block[0][2] + w[1];
                 block[1][2] = block[1][2] - w[0];
-                take(n, unpack_blocks::<T>(&block));
+                emit(n, unpack_blocks::<T>(&block));
             }
         } else {
             let svd = Svd::new(g);
-            let curvature = svd.curvature(law, lame, push, projected);
-            let turned = gradients.map(|g| svd.v.map(|v| dot(v, g)));
+            let curvature = svd.curvature(law, lame, extra_pressure, projected);
+            let principal_gradients = gradients.map(|g| svd.v.map(|v| dot(v, g)));
             for (n, [a, b]) in NODE_PAIRS.iter().enumerate() {
-                take(
+                emit(
                     n,
-                    unpack_blocks::<T>(&curvature.block(turned[*a], turned[*b])),
+                    unpack_blocks::<T>(
+                        &curvature.block(principal_gradients[*a], principal_gradients[*b]),
+                    ),
                 );
             }
         }
@@ -190,11 +199,11 @@ impl<L: Lane> Svd<L> {
         let inner: LaneMat3<L> =
             std::array::from_fn(|j| std::array::from_fn(|i| dot(self.u[i], dv[j])));
         let ridge = L::splat(1e-4);
-        let turn = |i: usize, j: usize| {
+        let spin = |i: usize, j: usize| {
             (inner[j][i] - inner[i][j]) / (self.sigma[i] + self.sigma[j]).max(ridge)
         };
         let zero = L::splat(0.0);
-        let (a, b, c) = (turn(0, 1), turn(0, 2), turn(1, 2));
+        let (a, b, c) = (spin(0, 1), spin(0, 2), spin(1, 2));
         // Skew-symmetric, as columns.
         let omega = [[zero, -a, -b], [a, zero, -c], [b, c, zero]];
         let uw = omega.map(|column| times(&self.u, column));
@@ -203,41 +212,45 @@ impl<L: Lane> Svd<L> {
     }
 }
 
-/// Returns the volumetric energy at the volume ratio 1 + `growth`.
+/// Returns the volumetric energy at the volume ratio 1 + `volume_strain`.
 #[inline(always)]
-fn volumetric_energy<L: Lane>([mu, lambda]: [L; 2], growth: L) -> L {
-    let c = crush_ramp(growth);
-    let beyond = (L::splat(-1.0) - growth).max(L::splat(0.0));
+fn volumetric_energy<L: Lane>([mu, lambda]: [L; 2], volume_strain: L) -> L {
+    let c = crush_ramp(volume_strain);
+    let inverted_excess = (L::splat(-1.0) - volume_strain).max(L::splat(0.0));
     let bracket = L::splat(CRUSH_THRESHOLD_J / 12.0)
         + c * (c * L::splat(CRUSH_THRESHOLD_J / 30.0) - L::splat(CRUSH_THRESHOLD_J / 10.0));
     let square = c * c;
-    let stop = square * square * bracket + L::splat(1.0 / 30.0) * beyond;
-    L::splat(0.5) * lambda * growth * growth
-        + L::splat(16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J) * mu * stop
+    let crush_term = square * square * bracket + L::splat(1.0 / 30.0) * inverted_excess;
+    L::splat(0.5) * lambda * volume_strain * volume_strain
+        + L::splat(16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J) * mu * crush_term
 }
 
 /// Returns the first and second derivatives of [`volumetric_energy`].
 #[inline(always)]
-pub(in crate::physics::cpu) fn volume_stress<L: Lane>([mu, lambda]: [L; 2], growth: L) -> [L; 2] {
-    let c = crush_ramp(growth);
+pub(in crate::physics::cpu) fn volumetric_derivatives<L: Lane>(
+    [mu, lambda]: [L; 2],
+    volume_strain: L,
+) -> [L; 2] {
+    let c = crush_ramp(volume_strain);
     let square = c * c;
     let bracket = L::splat(1.0 / 3.0) + c * (c * L::splat(0.2) - L::splat(0.5));
-    let stop =
+    let crush_term =
         L::splat(16.0 * CRUSH_STIFFNESS_RATIO * CRUSH_THRESHOLD_J) * mu * square * c * bracket;
     let bump = c * (L::splat(1.0) - c);
     [
-        lambda * growth - stop,
+        lambda * volume_strain - crush_term,
         lambda + L::splat(16.0 * CRUSH_STIFFNESS_RATIO) * mu * bump * bump,
     ]
 }
 
-/// Returns 0 for a volume ratio 1 + `growth` at or above the crush threshold, rising to 1 at zero
-/// volume.
+/// Returns 0 for a volume ratio 1 + `volume_strain` at or above the crush threshold, rising to 1 at
+/// zero volume.
 #[inline(always)]
-fn crush_ramp<L: Lane>(growth: L) -> L {
+fn crush_ramp<L: Lane>(volume_strain: L) -> L {
     let (zero, one) = (L::splat(0.0), L::splat(1.0));
-    let c = ((L::splat(CRUSH_THRESHOLD_J - 1.0) - growth) * L::splat(1.0 / CRUSH_THRESHOLD_J))
-        .max(zero);
+    let c = ((L::splat(CRUSH_THRESHOLD_J - 1.0) - volume_strain)
+        * L::splat(1.0 / CRUSH_THRESHOLD_J))
+    .max(zero);
     c.select_greater(one, one, c)
 }
 

@@ -218,16 +218,16 @@ impl<T: Real> NodalVolumeTerm<T> {
     ) -> MutexGuard<'_, VolumeStrains<T>> {
         let mut changes = self.changes.lock().unwrap_or_else(PoisonError::into_inner);
         let VolumeStrains {
-            volume_strain: growth,
+            volume_strain,
             rate,
         } = &mut *changes;
-        growth.fill(T::ZERO);
+        volume_strain.fill(T::ZERO);
         rate.fill(T::ZERO);
         for (batches, corners) in self.lists(lists) {
             let all = corners.cells.iter().zip(&corners.shares);
             for (batch, (cells, share)) in batches.iter().zip(all) {
                 let (c, _, more) = cofactor_from_gradient(&batch.gradient(u));
-                accumulate(growth, cells, T::array(more * *share));
+                accumulate(volume_strain, cells, T::array(more * *share));
                 if RATES {
                     let d = batch.gradient(v);
                     let more = dot(c[0], d[0]) + dot(c[1], d[1]) + dot(c[2], d[2]);
@@ -236,7 +236,7 @@ impl<T: Real> NodalVolumeTerm<T> {
             }
         }
         for (k, over) in self.inverse_moduli.iter().enumerate() {
-            growth[k] = growth[k] * *over;
+            volume_strain[k] = volume_strain[k] * *over;
             rate[k] = rate[k] * *over;
         }
         changes
@@ -335,7 +335,7 @@ impl<T: Real> NodalVolumeTerm<T> {
 
     /// Subtracts the damping matrix times w from the forces on the chunk's nodes, which begin with
     /// `first`. Returns the chunk's share of w times that product.
-    pub fn resist(&self, first: usize, w: &[V4<T>], f: &mut [V4<T>]) -> f64 {
+    pub fn subtract_damping_forces(&self, first: usize, w: &[V4<T>], f: &mut [V4<T>]) -> f64 {
         let mut sum = 0.0;
         self.apply_rank_one(&self.damping_gradients, w, |along, v, s| {
             if let Some(f) = f.get_mut((v as usize).wrapping_sub(first)) {

@@ -193,41 +193,44 @@ impl<L: Lane> Svd<L> {
         })
     }
 
-    /// Returns the Hessian of `law` at constant additional pressure `push`, scaled like `lame` and
-    /// `push`; with negative eigenvalues clamped to zero if `projected`.
+    /// Returns the Hessian of `law` at constant additional pressure `extra_pressure`, scaled like
+    /// `lame` and `extra_pressure`; with negative eigenvalues clamped to zero if `projected`.
     #[inline(always)]
     pub fn curvature(
         &self,
         law: ConstitutiveModel,
         [mu, lambda]: [L; 2],
-        push: L,
+        extra_pressure: L,
         projected: bool,
     ) -> PrincipalHessian<L> {
         let (s, one, half, zero) = (self.sigma, L::splat(1.0), L::splat(0.5), L::splat(0.0));
         let m = &self.stretch;
         // J − 1 from the stretches.
         let pairs = m[0] * m[1] + m[1] * m[2] + m[2] * m[0];
-        let growth = (m[0] + m[1] + m[2]) + pairs + m[0] * m[1] * m[2];
-        let [own, lambda] = super::kernels::volume_stress([mu, lambda], growth);
-        let pressure = own + push;
-        let rest = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
+        let volume_strain = (m[0] + m[1] + m[2]) + pairs + m[0] * m[1] * m[2];
+        let [law_pressure, lambda] =
+            super::kernels::volumetric_derivatives([mu, lambda], volume_strain);
+        let pressure = law_pressure + extra_pressure;
+        let cofactors = [s[1] * s[2], s[0] * s[2], s[0] * s[1]];
         let clamp = |x: L| if projected { x.max(zero) } else { x };
-        let across = match law {
+        let off_diagonal = match law {
             ConstitutiveModel::NeoHookean => pressure - mu,
             ConstitutiveModel::Corotated => pressure,
         };
         let (mut p, mut q) = ([zero; 3], [zero; 3]);
         for k in 0..3 {
             let (twist, flip) = match law {
-                ConstitutiveModel::NeoHookean => (mu + across * s[k], mu - across * s[k]),
+                ConstitutiveModel::NeoHookean => {
+                    (mu + off_diagonal * s[k], mu - off_diagonal * s[k])
+                }
                 ConstitutiveModel::Corotated => {
                     let (i, j) = ((k + 1) % 3, (k + 2) % 3);
                     let sum = (s[i] + s[j]).max(L::splat(MIN_TWIST_DENOMINATOR));
                     let two = mu + mu;
                     // 2 μ (σ_i + σ_j − 2)/(σ_i + σ_j).
                     (
-                        two * (m[i] + m[j]) / sum + across * s[k],
-                        two - across * s[k],
+                        two * (m[i] + m[j]) / sum + off_diagonal * s[k],
+                        two - off_diagonal * s[k],
                     )
                 }
             };
@@ -235,15 +238,15 @@ impl<L: Lane> Svd<L> {
             p[k] = half * (twist + flip);
             q[k] = half * (flip - twist);
         }
-        let own = match law {
+        let shear = match law {
             ConstitutiveModel::NeoHookean => mu,
             ConstitutiveModel::Corotated => mu + mu,
         };
-        let j = growth + one;
+        let j = volume_strain + one;
         let mut a: LaneMat3<L> = std::array::from_fn(|i| {
             std::array::from_fn(|k| match i == k {
-                true => own + lambda * rest[i] * rest[i],
-                false => s[3 - i - k] * (lambda * j + across),
+                true => shear + lambda * cofactors[i] * cofactors[i],
+                false => s[3 - i - k] * (lambda * j + off_diagonal),
             })
         });
         if projected {

@@ -422,7 +422,7 @@ impl<T: Real> Term<T> for ElementTerm<T> {
             return 0.0;
         }
         let shared = chunk.volumes.as_ref();
-        let shared = shared.map_or(0.0, |v| v.resist(chunk.first, at.v, f));
+        let shared = shared.map_or(0.0, |v| v.subtract_damping_forces(chunk.first, at.v, f));
         0.5 * (chunk.rows.subtract_product(&chunk.damping, at.v, f) + shared)
     }
 

@@ -52,7 +52,7 @@ pub struct CpuGridBody<T: Real> {
     pub(in crate::physics::cpu) next: SoaVec3<T>,
     pub(in crate::physics::cpu) velocities: Vec<DVec3>,
     /// Current target spring forces on particles.
-    pub(in crate::physics::cpu) pulls: Vec<(usize, DVec3)>,
+    pub(in crate::physics::cpu) spring_forces: Vec<(usize, DVec3)>,
     /// Length of the last step, s; `None` before the first.
     pub(in crate::physics::cpu) previous_dt: Option<f64>,
     pub(in crate::physics::cpu) steps: u64,
@@ -152,7 +152,7 @@ impl<T: Real> CpuGridBody<T> {
             pinned: vec![false; count],
             attachments: Vec::new(),
             plan: Arc::new(Partition::with_chunks(vec![0, count], 1)),
-            pulls: Vec::new(),
+            spring_forces: Vec::new(),
             slabs: Vec::new(),
             before: zeros(),
             now: zeros(),
@@ -161,13 +161,13 @@ impl<T: Real> CpuGridBody<T> {
             previous_dt: None,
             steps: 0,
         };
-        body.share_out(model.shape.size[0], slabs);
+        body.assign_slabs(model.shape.size[0], slabs);
         body.free_particles();
         body
     }
 
     /// Partitions the rows, of `row` particles each, into slabs.
-    fn share_out(&mut self, row: usize, slabs: usize) {
+    fn assign_slabs(&mut self, row: usize, slabs: usize) {
         let count = self.rest.len();
         let has = |i: &usize| self.masses[*i] > 0.0;
         let total = (0..count).filter(has).count();
@@ -291,7 +291,7 @@ impl<T: Real> CpuGridBody<T> {
     ///
     /// # Errors
     /// [`Error::Input`] for invalid attachments.
-    pub fn set_attachments(&mut self, attachments: &[NodeConstraint]) -> Result<()> {
+    pub fn set_node_constraints(&mut self, attachments: &[NodeConstraint]) -> Result<()> {
         check_attachments(attachments, self.rest.len())?;
         self.attachments = attachments.to_vec();
         self.free_particles();

@@ -5,9 +5,9 @@ use crate::parallel;
 use crate::physics::cpu::scalar::Real;
 use glam::DVec3;
 
-/// As `physics::grid::shape::LEAST_NORMAL`: if the sum of the springs' unit vectors at a node is
-/// shorter than this, the node has no outward direction.
-const LEAST_NORMAL: f64 = 0.5;
+/// As `physics::grid::shape::MIN_NORMAL_LENGTH`: if the sum of the springs' unit vectors at a node
+/// is shorter than this, the node has no outward direction.
+const MIN_NORMAL_LENGTH: f64 = 0.5;
 
 impl<T: Real> CpuGridBody<T> {
     /// Returns the unit normal of every particle, normalize(Σ_j normalize(x_i − x_j)) over its
@@ -15,8 +15,8 @@ impl<T: Real> CpuGridBody<T> {
     /// and for missing particles.
     pub fn normals(&self) -> Vec<DVec3> {
         parallel::map(self.rest.len(), |i| {
-            let sum = self.away(i);
-            match sum.length() >= LEAST_NORMAL {
+            let sum = self.outward_sum(i);
+            match sum.length() >= MIN_NORMAL_LENGTH {
                 true => sum.normalize_or_zero(),
                 false => DVec3::ZERO,
             }
@@ -24,7 +24,7 @@ impl<T: Real> CpuGridBody<T> {
     }
 
     /// Σ_j normalize(x_i − x_j).
-    fn away(&self, i: usize) -> DVec3 {
+    fn outward_sum(&self, i: usize) -> DVec3 {
         let mut sum = DVec3::ZERO;
         let springs = self.springs[i];
         for (k, kind) in self.kinds.iter().enumerate() {

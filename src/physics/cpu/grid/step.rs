@@ -16,7 +16,8 @@ struct VerletCoefficients<T> {
     damping_factor: T,
     /// h²/m of the mean particle, including the damping gain.
     spring: T,
-    pull: [T; 3],
+    /// Displacement of a step by gravity, over the length unit.
+    gravity_step: [T; 3],
 }
 
 impl<T: Real> CpuGridBody<T> {
@@ -46,14 +47,14 @@ impl<T: Real> CpuGridBody<T> {
         let rates = VerletCoefficients {
             damping_factor: T::from_f64((1.0 - 0.5 * self.damping * h) * gain),
             spring: T::from_f64(rate / self.mean_mass),
-            pull: (rate / self.length * self.gravity)
+            gravity_step: (rate / self.length * self.gravity)
                 .to_array()
                 .map(T::from_f64),
         };
-        self.collect_pulls();
+        self.collect_spring_forces();
         let (kinds, now, before) = (&self.kinds, &self.now, &self.before);
         let (factors, springs) = (&self.factors[..], &self.springs[..]);
-        let (inverse, forces, drawn) = (&self.inverse, &self.forces, &self.pulls);
+        let (inverse, forces, spring_forces) = (&self.inverse, &self.forces, &self.spring_forces);
         let [x, y, z] = self.next.each_mut().map(|a| Nodes(&mut a[..]));
         let data = (Chunks(&mut self.slabs), (x, y, z));
         let [bad, far] = plan.for_each_chunk(data, &|_, nodes, (slabs, (x, y, z))| {
@@ -61,7 +62,7 @@ impl<T: Real> CpuGridBody<T> {
                 return [0.0; 2];
             };
             slab.spring_forces(nodes.start, kinds, now, factors, springs);
-            for (i, f) in drawn {
+            for (i, f) in spring_forces {
                 if nodes.contains(i) {
                     for (axis, f) in f.to_array().iter().enumerate() {
                         slab.forces[axis][*i - nodes.start] += rates.spring * T::from_f64(*f);
@@ -78,7 +79,14 @@ impl<T: Real> CpuGridBody<T> {
                     let state = (&now[r.clone()], &before[r.clone()]);
                     let given = (&f[local.clone()], external, &inverse[r.clone()]);
                     let out = &mut out[local];
-                    advance(rates, rates.pull[axis], state, given, out, &mut lost);
+                    advance(
+                        rates,
+                        rates.gravity_step[axis],
+                        state,
+                        given,
+                        out,
+                        &mut lost,
+                    );
                 }
             }
             // Summed over slabs: any nonzero value is a failure.
@@ -121,9 +129,9 @@ impl<T: Real> CpuGridBody<T> {
     }
 
     /// Collects the target spring forces on particles over the length unit, N/m.
-    fn collect_pulls(&mut self) {
-        let mut drawn = std::mem::take(&mut self.pulls);
-        drawn.clear();
+    fn collect_spring_forces(&mut self) {
+        let mut spring_forces = std::mem::take(&mut self.spring_forces);
+        spring_forces.clear();
         for a in &self.attachments {
             if let NodeConstraint::Spring {
                 node,
@@ -134,12 +142,12 @@ impl<T: Real> CpuGridBody<T> {
             {
                 let i = node as usize;
                 let x = self.rest[i] + self.displacement(&self.now, i);
-                let pull = stiffness * (target - x);
-                let share = (limit / pull.length().max(1e-300)).min(1.0);
-                drawn.push((i, pull * share / self.length));
+                let force = stiffness * (target - x);
+                let fraction = (limit / force.length().max(1e-300)).min(1.0);
+                spring_forces.push((i, force * fraction / self.length));
             }
         }
-        self.pulls = drawn;
+        self.spring_forces = spring_forces;
     }
 }
 
@@ -147,7 +155,7 @@ impl<T: Real> CpuGridBody<T> {
 #[inline(always)]
 fn advance<T: Real>(
     rates: VerletCoefficients<T>,
-    pull: T,
+    gravity_step: T,
     (now, before): (&[T], &[T]),
     (f, external, inverse): (&[T], Option<&[T]>, &[T]),
     out: &mut [T],
@@ -157,7 +165,7 @@ fn advance<T: Real>(
     let (now, before, f, inverse) = (&now[..n], &before[..n], &f[..n], &inverse[..n]);
     for m in 0..n {
         let w = inverse[m];
-        let mut a = w * f[m] + pull;
+        let mut a = w * f[m] + gravity_step;
         if let Some(e) = external {
             a += w * rates.spring * e[m];
         }

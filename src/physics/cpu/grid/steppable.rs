@@ -69,7 +69,7 @@ impl<T: Real> Steppable for CpuGridBody<T> {
             self.set_forces(&forces)?;
         }
         match change.attachments {
-            Some(attachments) => self.set_attachments(&attachments),
+            Some(attachments) => self.set_node_constraints(&attachments),
             None => Ok(()),
         }
     }

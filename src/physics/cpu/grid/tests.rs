@@ -87,7 +87,7 @@ fn pair<T: Real>(
     body.set_gravity(twin.gravity);
     body.set_forces(&twin.forces).unwrap();
     body.set_state(&twin.x, &v).unwrap();
-    body.set_attachments(&attachments).unwrap();
+    body.set_node_constraints(&attachments).unwrap();
     twin.x[held as usize] = place;
     twin.inverse_masses[held as usize] = 0.0;
     for (i, v) in v.iter().enumerate() {

@@ -11,12 +11,12 @@ impl<T: Real> LinearStepSolver<T> {
     /// parts do not hide soft ones; and whether all blocks are positive definite.
     pub(in crate::physics::cpu) fn build_block_jacobi(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
     ) -> (f64, f64, bool) {
-        let (blocks, inverses, residual, tied) = self.diagonal();
+        let (blocks, inverses, residual, rigid_projection) = self.diagonal();
         let data = (Nodes(inverses), ());
         let [start, gives, count, bad] =
-            scene
+            context
                 .plan
                 .for_each_chunk(data, &|chunk, nodes, (inverses, ())| {
                     let (mut start, mut gives, mut count, mut bad) = (0.0, 0.0, 0.0, 0.0);
@@ -29,9 +29,9 @@ impl<T: Real> LinearStepSolver<T> {
                     };
                     for (n, i) in nodes.enumerate() {
                         let d = &blocks[i];
-                        if scene.free[i] == T::ZERO || tied.has(i) {
+                        if context.free[i] == T::ZERO || rigid_projection.contains(i) {
                             inverses.0[n] = [zero(); 3];
-                            if scene.free[i] != T::ZERO {
+                            if context.free[i] != T::ZERO {
                                 weigh(d);
                             }
                             continue;
@@ -45,14 +45,18 @@ impl<T: Real> LinearStepSolver<T> {
                         start += dot(r, apply(&inverse, r));
                         weigh(d);
                     }
-                    for body in tied.bodies_of(scene.plan, chunk) {
+                    for body in rigid_projection.bodies_of(context.plan, chunk) {
                         let first = body.nodes().start;
                         start += body.energy(&body.restrict(|n| residual[first + n]));
                     }
                     [start, gives, count, bad]
                 });
         let weight = count * count / f64::max(gives, f64::MIN_POSITIVE);
-        (start, weight, bad == 0.0 && tied.is_positive_definite())
+        (
+            start,
+            weight,
+            bad == 0.0 && rigid_projection.is_positive_definite(),
+        )
     }
 
     /// Returns rᵀD⁻¹r with the inverse blocks of the last linearisation.

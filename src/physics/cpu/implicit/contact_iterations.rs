@@ -7,8 +7,6 @@ use super::newton::{NewtonSolver, PROJECTED_SOLVES};
 use super::schemes::StepCoefficients;
 use crate::physics::NewtonSettings;
 use crate::physics::contact::MIN_DISTANCE_RATIO;
-use crate::physics::cpu::contact::tool_contact::ToolContact;
-use crate::physics::cpu::rigid::bodies::RigidBodies;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::to_dvec;
@@ -25,14 +23,18 @@ const CONTACT_LINEAR_TOLERANCE: f64 = 1e-2;
 /// Largest number of iterations of a step with contact.
 const MAX_CONTACT_ITERATIONS: u32 = 80;
 
-/// Largest number of iterations of a step with blocked prescribed motion, and the ratio of the
-/// squared residual to the squared convergence tolerance below which that motion resumes.
+/// Largest number of iterations of a step with blocked prescribed motion.
 pub(in crate::physics::cpu) const MAX_BLOCKED_MOTION_ITERATIONS: u32 = 400;
+
+/// Ratio of the squared residual to the squared convergence tolerance below which blocked
+/// prescribed motion resumes.
 pub(in crate::physics::cpu) const RESUME_RESIDUAL_RATIO: f64 = 1e3;
 
-/// Largest number of friction updates per step (lagged friction), and the relative change of the
-/// normal forces above which another one follows.
+/// Largest number of friction updates per step (lagged friction). One less than on the GPU, which
+/// does not test whether the forces still change (`contact_convergence.wgsl`).
 pub(in crate::physics::cpu) const MAX_FRICTION_UPDATES: u32 = 5;
+
+/// Relative change of the normal forces above which another friction update follows.
 const FRICTION_FORCE_TOLERANCE: f64 = 3e-3;
 
 /// Ratio of the squared residual that triggers a friction update to the squared convergence
@@ -54,69 +56,69 @@ impl<T: Real> NewtonSolver<T> {
     /// no contact is near.
     pub(in crate::physics::cpu) fn begin_contact(
         &mut self,
-        implicit: &mut LinearStepSolver<T>,
-        scene: &StepContext<'_, T>,
+        linear_solver: &mut LinearStepSolver<T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) -> u32 {
         self.step_settings = self.settings;
         let mut stages = 0;
-        if let Some(own) = self_contact_mut(terms) {
-            let moved = |i: usize| form.evaluation_time * to_dvec(scene.at.v[i]);
-            let with = (scene.at.u, scene.free, scene.plan);
-            if own.begin(with, &self.rigid, &moved) {
+        if let Some(term) = self_contact_mut(terms) {
+            let moved = |i: usize| coefficients.evaluation_time * to_dvec(context.at.v[i]);
+            let node_context = (context.at.u, context.free, context.plan);
+            if term.begin(node_context, &self.rigid, &moved) {
                 stages = 1;
-                implicit.drop_aggregate_pattern();
+                linear_solver.drop_aggregate_pattern();
             }
         }
-        stages = stages.max(self.begin_tools(scene, terms, form));
+        stages = stages.max(self.begin_tools(context, terms, coefficients));
         if stages == 0 {
             return 0;
         }
-        self.begin_contact_iterations(implicit);
+        self.begin_contact_iterations(linear_solver);
         stages
     }
 
     /// Begins a step with possible contact, which takes more iterations, in one stage.
     pub(in crate::physics::cpu) fn begin_contact_iterations(
         &mut self,
-        implicit: &mut LinearStepSolver<T>,
+        linear_solver: &mut LinearStepSolver<T>,
     ) -> u32 {
         // The coarse space was built with other contact points; dropping it also makes a resumed
         // run take the same steps.
-        implicit.drop_coarse_space();
-        let own = self.settings;
+        linear_solver.drop_coarse_space();
+        let settings = self.settings;
         self.step_settings = NewtonSettings {
-            iterations: own.iterations.max(MAX_CONTACT_ITERATIONS),
-            tolerance: match own.tolerance > 0.0 {
-                true => own.tolerance.min(CONTACT_TOLERANCE),
+            iterations: settings.iterations.max(MAX_CONTACT_ITERATIONS),
+            tolerance: match settings.tolerance > 0.0 {
+                true => settings.tolerance.min(CONTACT_TOLERANCE),
                 false => CONTACT_TOLERANCE,
             },
-            linear_tolerance: own.linear_tolerance.min(CONTACT_LINEAR_TOLERANCE),
+            linear_tolerance: settings.linear_tolerance.min(CONTACT_LINEAR_TOLERANCE),
         };
         1
     }
 
     fn begin_tools(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) -> u32 {
         let Some(contact) = tool_contact_mut(terms) else {
             return 0;
         };
-        let fastest = scene
+        let max_speed_squared = context
             .at
             .v
             .iter()
             .map(|v| dot_f64(*v, *v))
             .fold(0.0, f64::max);
-        let margin = 2.0 * form.evaluation_time * fastest.sqrt();
+        let margin = 2.0 * coefficients.evaluation_time * max_speed_squared.sqrt();
         contact.begin(
-            scene.at.u,
-            (scene.free, scene.plan),
-            (form.evaluation_time, margin),
+            context.at.u,
+            (context.free, context.plan),
+            (coefficients.evaluation_time, margin),
         )
     }
 
@@ -124,17 +126,23 @@ impl<T: Real> NewtonSolver<T> {
     /// fraction `to` of their paths and pushes nodes out of them.
     pub(in crate::physics::cpu) fn truncate_guess(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
         to: f64,
     ) {
         if let Some(contact) = tool_contact_mut(terms) {
             contact.set_tool_fraction(0.0);
         }
-        let still = vec![zero(); scene.at.u.len()];
-        self.truncate_at_collision(scene, terms, form, (0.0, &still, scene.at.u), true);
-        self.push_out_for_tools(scene, terms, form, [0.0, to]);
+        let zero_displacements = vec![zero(); context.at.u.len()];
+        self.truncate_at_collision(
+            context,
+            terms,
+            coefficients,
+            (0.0, &zero_displacements, context.at.u),
+            true,
+        );
+        self.push_out_for_tools(context, terms, coefficients, [0.0, to]);
     }
 
     /// Truncates the trial where a part of the body would pass through another on the way from
@@ -142,46 +150,53 @@ impl<T: Real> NewtonSolver<T> {
     /// the prescribed motion, its δ, and its displacements.
     fn truncate_at_collision(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
-        (led, before, places): (f64, &[V4<T>], &[V4<T>]),
+        coefficients: StepCoefficients,
+        (start_fraction, before, displacements): (f64, &[V4<T>], &[V4<T>]),
         tools: bool,
     ) {
-        let leads = has_prescribed_motion(scene) || self.rigid.targets.iter().any(Option::is_some);
+        let has_prescribed =
+            has_prescribed_motion(context) || self.rigid.targets.iter().any(Option::is_some);
         for round in 0..MAX_RIGID_PUSH_OUT_ROUNDS {
-            let kept = if round == 0 {
+            let min_distance_ratio = if round == 0 {
                 MIN_DISTANCE_RATIO
             } else {
                 TRUNCATED_DISTANCE_RATIO
             };
-            let way = self.collision_free_fraction(
-                scene,
+            let collision_free_fraction = self.collision_free_fraction(
+                context,
                 terms,
-                [places, &self.trial.displacements],
-                (kept, tools),
+                [displacements, &self.trial.displacements],
+                (min_distance_ratio, tools),
             );
-            if way >= 1.0 {
+            if collision_free_fraction >= 1.0 {
                 return;
             }
-            let part = match round {
-                0 => way,
-                _ if round + 1 < MAX_RIGID_PUSH_OUT_ROUNDS => 0.5 * way,
+            let fraction = match round {
+                0 => collision_free_fraction,
+                _ if round + 1 < MAX_RIGID_PUSH_OUT_ROUNDS => 0.5 * collision_free_fraction,
                 _ => 0.0,
             };
             let ends = before.iter().zip(&self.trial.delta);
-            let shortened = ends.map(|(a, b)| add_scaled(*a, T::from_f64(part), sub(*b, *a)));
+            let shortened = ends.map(|(a, b)| add_scaled(*a, T::from_f64(fraction), sub(*b, *a)));
             self.pushed_displacements = shortened.collect();
-            if leads {
-                self.prescribed_fraction = led + part * (self.prescribed_fraction - led);
+            if has_prescribed {
+                self.prescribed_fraction =
+                    start_fraction + fraction * (self.prescribed_fraction - start_fraction);
                 self.rigid.prescribed_fraction = self.prescribed_fraction;
             }
             let moved = &self.pushed_displacements;
             let at = |i: usize| moved[i];
             self.rigid.set_trial_from(at);
-            let how = self.trial_coefficients(form);
-            self.trial
-                .set_displacement(scene, &self.guesses, how, &self.rigid, at);
+            let trial_coefficients = self.trial_coefficients(coefficients);
+            self.trial.set_displacement(
+                context,
+                &self.guesses,
+                trial_coefficients,
+                &self.rigid,
+                at,
+            );
             // The truncation holds for straight paths; rotating bodies follow arcs.
             if self.rigid.is_empty() {
                 return;
@@ -192,21 +207,33 @@ impl<T: Real> NewtonSolver<T> {
     /// Resumes truncated prescribed motion up to the next collision.
     pub(in crate::physics::cpu) fn advance_prescribed_motion(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) {
-        let led = std::mem::replace(&mut self.prescribed_fraction, 1.0);
+        let start_fraction = std::mem::replace(&mut self.prescribed_fraction, 1.0);
         self.rigid.prescribed_fraction = 1.0;
-        let (delta, places) = (self.best.delta.clone(), self.best.displacements.clone());
+        let (delta, displacements) = (self.best.delta.clone(), self.best.displacements.clone());
         let at = |i: usize| delta[i];
         self.rigid.copy_best_to_trial();
-        let how = self.trial_coefficients(form);
+        let trial_coefficients = self.trial_coefficients(coefficients);
         self.trial
-            .set_displacement(scene, &self.guesses, how, &self.rigid, at);
-        self.truncate_at_collision(scene, terms, form, (led, &delta, &places), true);
+            .set_displacement(context, &self.guesses, trial_coefficients, &self.rigid, at);
+        self.truncate_at_collision(
+            context,
+            terms,
+            coefficients,
+            (start_fraction, &delta, &displacements),
+            true,
+        );
         let (trial, scratch) = (&mut self.trial, &mut self.forces);
-        trial.evaluate(scene, terms, &self.damping_displacements, scratch, form);
+        trial.evaluate(
+            context,
+            terms,
+            &self.damping_displacements,
+            scratch,
+            coefficients,
+        );
         std::mem::swap(&mut self.best, &mut self.trial);
         self.rigid.accept_trial();
     }
@@ -214,37 +241,42 @@ impl<T: Real> NewtonSolver<T> {
     /// Updates the candidate pairs for the best trial. Returns whether there are any.
     pub(in crate::physics::cpu) fn refresh_candidates(
         &self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
     ) -> bool {
-        let Some(own) = self_contact_mut(terms) else {
+        let Some(term) = self_contact_mut(terms) else {
             return false;
         };
-        let with = (scene.free, scene.plan);
-        own.refresh_candidates([scene.at.u, &self.best.displacements], with, &self.rigid);
-        !own.is_empty()
+        let node_context = (context.free, context.plan);
+        term.refresh_candidates(
+            [context.at.u, &self.best.displacements],
+            node_context,
+            &self.rigid,
+        );
+        !term.is_empty()
     }
 
     /// Moves the tools from one fraction of their paths to another, and pushes nodes of the trial
     /// out of them.
     fn push_out_for_tools(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
         [from, to]: [f64; 2],
     ) {
-        let how = self.trial_coefficients(form);
+        let trial_coefficients = self.trial_coefficients(coefficients);
         // Pushed-out nodes must not pass through another part of the body.
-        let own = self_contact(terms).is_some();
-        let before = own.then(|| (self.trial.delta.clone(), self.trial.displacements.clone()));
+        let has_self_contact = self_contact(terms).is_some();
+        let before =
+            has_self_contact.then(|| (self.trial.delta.clone(), self.trial.displacements.clone()));
         let Some(contact) = tool_contact_mut(terms) else {
             return;
         };
         let mut any = false;
         for round in 0..MAX_RIGID_PUSH_OUT_ROUNDS {
             let start = if round == 0 { from } else { to };
-            let pushed = contact.push_out(&self.trial.displacements, scene.free, [start, to]);
+            let pushed = contact.push_out(&self.trial.displacements, context.free, [start, to]);
             if pushed.is_empty() {
                 break;
             }
@@ -263,36 +295,41 @@ impl<T: Real> NewtonSolver<T> {
             self.rigid.shift(&shifts);
             let moved = &self.pushed_displacements;
             let at = |i: usize| moved[i];
-            self.trial
-                .set_displacement(scene, &self.guesses, how, &self.rigid, at);
+            self.trial.set_displacement(
+                context,
+                &self.guesses,
+                trial_coefficients,
+                &self.rigid,
+                at,
+            );
         }
-        if let Some((before, places)) = before.filter(|_| any) {
+        if let Some((before, displacements)) = before.filter(|_| any) {
             self.truncate_at_collision(
-                scene,
+                context,
                 terms,
-                form,
-                (self.prescribed_fraction, &before, &places),
+                coefficients,
+                (self.prescribed_fraction, &before, &displacements),
                 false,
             );
         }
     }
 
     /// Returns the fraction of the path between two displacements on which no point penetrates a
-    /// tool too deeply, if `tools` are included, and parts of the body keep the fraction `kept` of
-    /// their distances.
+    /// tool too deeply, if `tools` are included, and parts of the body keep the fraction
+    /// `min_distance_ratio` of their distances.
     fn collision_free_fraction(
         &self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         [from, to]: [&[V4<T>]; 2],
-        (kept, tools): (f64, bool),
+        (min_distance_ratio, tools): (f64, bool),
     ) -> f64 {
-        let with = (scene.free, scene.plan);
+        let node_context = (context.free, context.plan);
         let tools = tool_contact_mut(terms).filter(|_| tools);
-        let tools = tools.map_or(1.0, |c| c.collision_free_fraction(from, to, with));
-        let own = self_contact_mut(terms);
-        tools.min(own.map_or(1.0, |own| {
-            own.collision_free_fraction([from, to], with, &self.rigid, kept)
+        let tools = tools.map_or(1.0, |c| c.collision_free_fraction(from, to, node_context));
+        let term = self_contact_mut(terms);
+        tools.min(term.map_or(1.0, |term| {
+            term.collision_free_fraction([from, to], node_context, &self.rigid, min_distance_ratio)
         }))
     }
 
@@ -300,19 +337,21 @@ impl<T: Real> NewtonSolver<T> {
     /// Returns the number of conjugate gradient iterations.
     pub(in crate::physics::cpu) fn advance_tool_stage(
         &mut self,
-        implicit: &mut LinearStepSolver<T>,
-        scene: &StepContext<'_, T>,
+        linear_solver: &mut LinearStepSolver<T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
         [from, to]: [f64; 2],
     ) -> u32 {
-        self.residual(implicit, scene, terms, form);
+        self.residual(linear_solver, context, terms, coefficients);
         let mut iterations = 0;
-        if let Some((_, outcome)) = self.solve(implicit, scene, terms, form, (0.0, 0.0)) {
+        if let Some((_, outcome)) =
+            self.solve(linear_solver, context, terms, coefficients, (0.0, 0.0))
+        {
             iterations = outcome.iterations;
-            let gain = outcome.predicted_decrease / (form.gamma * form.gamma);
+            let gain = outcome.predicted_decrease / (coefficients.gamma * coefficients.gamma);
             if self
-                .line_search(implicit, scene, terms, form, gain)
+                .line_search(linear_solver, context, terms, coefficients, gain)
                 .is_none()
             {
                 self.projected = PROJECTED_SOLVES;
@@ -320,9 +359,15 @@ impl<T: Real> NewtonSolver<T> {
         }
         std::mem::swap(&mut self.best, &mut self.trial);
         self.rigid.copy_best_to_trial();
-        self.push_out_for_tools(scene, terms, form, [from, to]);
+        self.push_out_for_tools(context, terms, coefficients, [from, to]);
         let (trial, scratch) = (&mut self.trial, &mut self.forces);
-        trial.evaluate(scene, terms, &self.damping_displacements, scratch, form);
+        trial.evaluate(
+            context,
+            terms,
+            &self.damping_displacements,
+            scratch,
+            coefficients,
+        );
         std::mem::swap(&mut self.best, &mut self.trial);
         self.rigid.accept_trial();
         iterations
@@ -332,18 +377,24 @@ impl<T: Real> NewtonSolver<T> {
     /// Returns whether they changed significantly.
     pub(in crate::physics::cpu) fn update_friction(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) -> bool {
-        let own = self_contact_mut(terms)
-            .map_or(0.0, |own| own.update_friction(&self.best.displacements));
+        let self_change = self_contact_mut(terms)
+            .map_or(0.0, |term| term.update_friction(&self.best.displacements));
         let change =
             tool_contact_mut(terms).map_or(0.0, |c| c.update_friction(&self.best.displacements));
-        let change = change.max(own);
+        let change = change.max(self_change);
         if change > 0.0 {
             let (best, scratch) = (&mut self.best, &mut self.forces);
-            best.evaluate(scene, terms, &self.damping_displacements, scratch, form);
+            best.evaluate(
+                context,
+                terms,
+                &self.damping_displacements,
+                scratch,
+                coefficients,
+            );
         }
         change > FRICTION_FORCE_TOLERANCE
     }
@@ -351,40 +402,51 @@ impl<T: Real> NewtonSolver<T> {
     /// Re-evaluates the best trial if the contact candidates changed, which friction depends on.
     pub(in crate::physics::cpu) fn reevaluate(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) {
         self.candidates_changed =
             tool_contact_mut(terms).is_some_and(|c| std::mem::take(&mut c.candidates_changed));
         if self.candidates_changed {
             let (best, scratch) = (&mut self.best, &mut self.forces);
-            best.evaluate(scene, terms, &self.damping_displacements, scratch, form);
+            best.evaluate(
+                context,
+                terms,
+                &self.damping_displacements,
+                scratch,
+                coefficients,
+            );
         }
     }
 
     /// Returns the squared reference value of residuals in contact.
-    pub(in crate::physics::cpu) fn contact_weight(
+    pub(in crate::physics::cpu) fn contact_residual_scale(
         &self,
-        implicit: &LinearStepSolver<T>,
+        linear_solver: &LinearStepSolver<T>,
         terms: &[Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) -> f64 {
-        let (inverse, square) = (&implicit.solver.inverse, form.gamma * form.gamma);
+        let (inverse, square) = (
+            &linear_solver.solver.inverse,
+            coefficients.gamma * coefficients.gamma,
+        );
         let over = |i: usize, f: DVec3| {
             let force = to_v4(square * f);
             dot_f64(force, apply(&inverse[i], force))
         };
-        let place = &self.best.displacements;
-        let own = self_contact(terms).map_or(0.0, |own| own.weight(place, over));
-        own + tool_contact(terms).map_or(0.0, |contact| contact.residual_scale(place, over))
+        let displacements = &self.best.displacements;
+        let self_scale =
+            self_contact(terms).map_or(0.0, |term| term.residual_scale(displacements, over));
+        self_scale
+            + tool_contact(terms).map_or(0.0, |contact| contact.residual_scale(displacements, over))
     }
 
     /// Returns the fraction of the direction on which no point penetrates a tool too deeply, and no
     /// part of the body passes through another.
     pub(in crate::physics::cpu) fn collision_free_step(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         direction: &[V4<T>],
     ) -> f64 {
@@ -393,12 +455,12 @@ impl<T: Real> NewtonSolver<T> {
         }
         self.pushed_displacements
             .clone_from(&self.best.displacements);
-        let ways = direction.iter().zip(scene.free);
-        for (to, (by, free)) in self.pushed_displacements.iter_mut().zip(ways) {
+        let moves = direction.iter().zip(context.free);
+        for (to, (by, free)) in self.pushed_displacements.iter_mut().zip(moves) {
             *to = add_scaled(*to, *free, *by);
         }
         self.collision_free_fraction(
-            scene,
+            context,
             terms,
             [&self.best.displacements, &self.pushed_displacements],
             (MIN_DISTANCE_RATIO, true),
@@ -409,55 +471,28 @@ impl<T: Real> NewtonSolver<T> {
     /// so leave their direction.
     pub(in crate::physics::cpu) fn trial_collides(
         &self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
     ) -> bool {
         if self.rigid.is_empty() {
             return false;
         }
-        let with = (scene.free, scene.plan);
+        let node_context = (context.free, context.plan);
         let (from, to) = (&self.best.displacements, &self.trial.displacements);
-        let own = self_contact_mut(terms);
-        own.is_some_and(|own| {
-            own.collision_free_fraction([from, to], with, &self.rigid, TRUNCATED_DISTANCE_RATIO)
-                < 1.0
+        let term = self_contact_mut(terms);
+        term.is_some_and(|term| {
+            term.collision_free_fraction(
+                [from, to],
+                node_context,
+                &self.rigid,
+                TRUNCATED_DISTANCE_RATIO,
+            ) < 1.0
         })
     }
 }
 
 /// Whether any node has a prescribed motion.
-fn has_prescribed_motion<T: Real>(scene: &StepContext<'_, T>) -> bool {
-    let mut nodes = scene.free.iter().zip(scene.at.v);
+fn has_prescribed_motion<T: Real>(context: &StepContext<'_, T>) -> bool {
+    let mut nodes = context.free.iter().zip(context.at.v);
     nodes.any(|(free, v)| *free == T::ZERO && to_dvec(*v) != DVec3::ZERO)
-}
-
-/// Returns the displacements that push the nodes of a body at `u` out of its tools at their current
-/// poses.
-pub(in crate::physics::cpu) fn resolve_penetration<T: Real>(
-    contact: &mut ToolContact<T>,
-    u: &[V4<T>],
-    free: &[T],
-) -> Vec<(usize, DVec3)> {
-    contact.push_out(u, free, [0.0, 0.0])
-}
-
-/// Pushes nodes, and each rigid body by the largest push of its nodes.
-pub(in crate::physics::cpu) fn apply_push_out<T: Real>(
-    pushed: Vec<(usize, DVec3)>,
-    u: &mut [V4<T>],
-    rigid: Option<&mut RigidBodies>,
-) {
-    let bodies = rigid.as_ref().map_or(0, |r| r.bodies.len());
-    let mut shifts = vec![DVec3::ZERO; bodies];
-    for (i, by) in pushed {
-        match rigid.as_ref().and_then(|r| r.body_of(i)) {
-            Some(b) if by.length() > shifts[b].length() => shifts[b] = by,
-            Some(_) => {}
-            None => u[i] = add(u[i], to_v4(by)),
-        }
-    }
-    if let Some(rigid) = rigid.filter(|r| !r.is_empty()) {
-        rigid.shift_now(&shifts);
-        rigid.write_nodes(&rigid.now, u);
-    }
 }

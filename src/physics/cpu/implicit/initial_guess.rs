@@ -57,23 +57,23 @@ impl<T: Real> InitialGuesses<T> {
         }
     }
 
-    /// Prepares a step from `scene`, where `history` is the last change of velocities and
+    /// Prepares a step from `context`, where `history` is the last change of velocities and
     /// displacements.
     pub fn prepare(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         outside: StepInput<'_, T>,
         history: Option<&[Vec<V4<T>>; 2]>,
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
         rigid: &RigidBodies,
     ) {
-        self.has_history = history.is_some() && form.velocity_extrapolation > 0.0;
-        self.evaluation_time = T::from_f64(form.evaluation_time);
+        self.has_history = history.is_some() && coefficients.velocity_extrapolation > 0.0;
+        self.evaluation_time = T::from_f64(coefficients.evaluation_time);
         let [gamma, back, reach, bend] = [
-            form.gamma,
-            form.history,
-            form.evaluation_time,
-            form.velocity_extrapolation,
+            coefficients.gamma,
+            coefficients.history,
+            coefficients.evaluation_time,
+            coefficients.velocity_extrapolation,
         ]
         .map(T::from_f64);
         let data = (
@@ -81,20 +81,20 @@ impl<T: Real> InitialGuesses<T> {
             Nodes(&mut self.history_offset),
             Nodes(&mut self.curved),
         );
-        scene
+        context
             .plan
             .for_each_chunk(data, &|chunk, nodes, (goal, base, curved)| {
-                let (masses, u) = (scene.masses, scene.at.u);
+                let (masses, u) = (context.masses, context.at.u);
                 outside
                     .loads
-                    .write_forces(scene.plan, chunk, masses, u, goal.0);
+                    .write_forces(context.plan, chunk, masses, u, goal.0);
                 for (b, body) in rigid.bodies.iter().enumerate() {
                     if nodes.contains(&body.nodes.start) {
                         rigid.transfer_surface_forces(b, nodes.start, goal.0);
                     }
                 }
                 for (n, i) in nodes.clone().enumerate() {
-                    let mut v = scene.at.v[i];
+                    let mut v = context.at.v[i];
                     base.0[n] = zero();
                     if let Some([change, moved]) = history {
                         curved.0[n] = scale(reach, add_scaled(v, bend, change[i]));
@@ -107,10 +107,10 @@ impl<T: Real> InitialGuesses<T> {
                 }
                 for (b, body) in rigid.bodies.iter().enumerate() {
                     if rigid.midpoint && nodes.contains(&body.nodes.start) {
-                        let places = rigid.inertial_target(b, form.gamma, scene.at.v);
+                        let places = rigid.inertial_target(b, coefficients.gamma, context.at.v);
                         for (i, place) in body.proxy_nodes().zip(places) {
                             let goal = &mut goal.0[i - nodes.start];
-                            let straight = scale(gamma, scene.at.v[i]);
+                            let straight = scale(gamma, context.at.v[i]);
                             *goal = add(sub(*goal, straight), to_v4(place));
                         }
                     }
@@ -126,10 +126,10 @@ impl<T: Real> InitialGuesses<T> {
 
     /// Returns the guess for node `i`.
     #[inline(always)]
-    pub fn at(&self, guess: InitialGuess, scene: &StepContext<'_, T>, i: usize) -> V4<T> {
+    pub fn at(&self, guess: InitialGuess, context: &StepContext<'_, T>, i: usize) -> V4<T> {
         match guess {
             InitialGuess::ConstantAcceleration => self.curved[i],
-            InitialGuess::ConstantVelocity => scale(self.evaluation_time, scene.at.v[i]),
+            InitialGuess::ConstantVelocity => scale(self.evaluation_time, context.at.v[i]),
             InitialGuess::InertialTarget => self.inertial_target[i],
             InitialGuess::AtRest => zero(),
         }

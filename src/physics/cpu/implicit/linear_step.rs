@@ -41,7 +41,7 @@ pub struct LinearStepSolver<T> {
     stiffness_times_velocity: Vec<V4<T>>,
     coarse: Option<CoarseSpace<T>>,
     /// State from which the coarse space was built.
-    pub basis: CoarseSpaceState<T>,
+    pub coarse_state: CoarseSpaceState<T>,
     /// Amplitudes of the terms.
     pub levels: Vec<f64>,
 }
@@ -111,7 +111,7 @@ impl<T: Real> LinearStepSolver<T> {
             diagonal: vec![[T::ZERO; 8]; plan.nodes()],
             stiffness_times_velocity: vec![zero(); plan.nodes()],
             coarse: None,
-            basis: CoarseSpaceState {
+            coarse_state: CoarseSpaceState {
                 u: vec![zero(); plan.nodes()],
                 ..CoarseSpaceState::default()
             },
@@ -121,7 +121,7 @@ impl<T: Real> LinearStepSolver<T> {
 
     /// Drops the coarse space, after the set of fixed nodes has changed.
     pub fn drop_coarse_space(&mut self) {
-        self.basis.h = T::ZERO;
+        self.coarse_state.h = T::ZERO;
     }
 
     /// Also drops the coupling pattern of the aggregates, which changes with contact.
@@ -135,25 +135,25 @@ impl<T: Real> LinearStepSolver<T> {
         self.solver.count = 0;
     }
 
-    /// Rebuilds the coarse space from `basis` after a state was restored.
+    /// Rebuilds the coarse space from `coarse_state` after a state was restored.
     pub fn resume(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        basis: CoarseSpaceState<T>,
+        coarse_state: CoarseSpaceState<T>,
     ) {
-        self.basis = basis;
-        if self.basis.h > T::ZERO {
-            let u = std::mem::take(&mut self.basis.u);
+        self.coarse_state = coarse_state;
+        if self.coarse_state.h > T::ZERO {
+            let u = std::mem::take(&mut self.coarse_state.u);
             let at = StateRef {
                 u: &u,
-                v: scene.at.v,
+                v: context.at.v,
             };
-            let h = self.basis.h;
-            self.linearise(scene, terms, at, h);
+            let h = self.coarse_state.h;
+            self.linearise(context, terms, at, h);
             self.solver.rigid_projection.build(&self.diagonal, terms);
-            self.build(scene, terms, &u);
-            self.basis.u = u;
+            self.build_coarse_space(context, terms, &u);
+            self.coarse_state.u = u;
         }
     }
 
@@ -161,22 +161,22 @@ impl<T: Real> LinearStepSolver<T> {
     /// units.
     pub fn solve(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         h: T,
     ) -> CgResult {
-        self.linearise(scene, terms, scene.at, h);
-        let (start, weight) = self.right_hand_side(scene, h);
-        self.refresh(scene, terms, scene.at.u, h);
+        self.linearise(context, terms, context.at, h);
+        let (start, weight) = self.right_hand_side(context, h);
+        self.refresh_coarse_space(context, terms, context.at.u, h);
         let matrix = SystemOperator {
-            plan: scene.plan,
-            masses: scene.masses,
-            free: scene.free,
+            plan: context.plan,
+            masses: context.masses,
+            free: context.free,
             terms,
         };
         let stop = CgTolerance {
             tolerance: self.settings.tolerance,
-            floor: weight * (negligible_movement(scene.plan, scene.at.u) / h.to_f64()).powi(2),
+            floor: weight * (negligible_movement(context.plan, context.at.u) / h.to_f64()).powi(2),
             max_iterations: self.settings.max_iterations,
         };
         let outcome = self.solver.solve(&matrix, &mut self.coarse, start, stop);
@@ -185,7 +185,7 @@ impl<T: Real> LinearStepSolver<T> {
     }
 
     /// As [`CgSolver::solve_from_zero`], with the coarse space.
-    pub(in crate::physics::cpu) fn solve_afresh(
+    pub(in crate::physics::cpu) fn solve_from_zero(
         &mut self,
         a: &SystemOperator<'_, T>,
         start: f64,
@@ -200,34 +200,39 @@ impl<T: Real> LinearStepSolver<T> {
 
     /// Rebuilds the coarse space from the linearisation at `u` if it is stale. Returns whether it
     /// was rebuilt.
-    pub(in crate::physics::cpu) fn refresh(
+    pub(in crate::physics::cpu) fn refresh_coarse_space(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &[Box<dyn Term<T>>],
         u: &[V4<T>],
         h: T,
     ) -> bool {
-        let due = self.coarse_is_stale(h);
-        if due {
-            self.basis.h = h;
-            self.basis.age = 0;
-            self.basis.u.copy_from_slice(u);
-            self.basis.levels.clone_from(&self.levels);
-            self.build(scene, terms, u);
+        let is_stale = self.coarse_is_stale(h);
+        if is_stale {
+            self.coarse_state.h = h;
+            self.coarse_state.age = 0;
+            self.coarse_state.u.copy_from_slice(u);
+            self.coarse_state.levels.clone_from(&self.levels);
+            self.build_coarse_space(context, terms, u);
         }
-        due
+        is_stale
     }
 
     /// Whether the coarse space must be rebuilt for steps of length `h`.
     fn coarse_is_stale(&self, h: T) -> bool {
-        let basis = &self.basis;
-        let slow = f64::from(basis.last)
-            > REBUILD_ITERATION_RATIO * f64::from(basis.first) + f64::from(REBUILD_ITERATION_SLACK);
-        basis.h != h || basis.age >= MAX_COARSE_AGE || slow
+        let coarse_state = &self.coarse_state;
+        let slow = f64::from(coarse_state.last)
+            > REBUILD_ITERATION_RATIO * f64::from(coarse_state.first)
+                + f64::from(REBUILD_ITERATION_SLACK);
+        coarse_state.h != h || coarse_state.age >= MAX_COARSE_AGE || slow
     }
 
     /// Rebuilds the blocks of rigid bodies from the linearisation if they are stale.
-    pub(in crate::physics::cpu) fn refresh_tied(&mut self, terms: &[Box<dyn Term<T>>], h: T) {
+    pub(in crate::physics::cpu) fn refresh_rigid_projection(
+        &mut self,
+        terms: &[Box<dyn Term<T>>],
+        h: T,
+    ) {
         if self.coarse_is_stale(h) {
             self.solver.rigid_projection.build(&self.diagonal, terms);
         }
@@ -252,12 +257,12 @@ impl<T: Real> LinearStepSolver<T> {
 
     /// Records the performance of the coarse space.
     fn record_result(&mut self, outcome: CgResult) {
-        let basis = &mut self.basis;
-        if basis.age == 0 {
-            basis.first = outcome.iterations;
+        let coarse_state = &mut self.coarse_state;
+        if coarse_state.age == 0 {
+            coarse_state.first = outcome.iterations;
         }
-        basis.last = outcome.iterations;
-        basis.age += 1;
+        coarse_state.last = outcome.iterations;
+        coarse_state.age += 1;
     }
 
     /// Computes v' = v + Δv, u' = u + h v'.
@@ -268,10 +273,10 @@ impl<T: Real> LinearStepSolver<T> {
         h: T,
         next: (&mut [V4<T>], &mut [V4<T>]),
     ) {
-        let change = &self.solver.solution;
+        let velocity_change = &self.solver.solution;
         plan.for_each_chunk((Nodes(next.0), Nodes(next.1)), &|_, nodes, (u, v)| {
             for (n, i) in nodes.enumerate() {
-                v.0[n] = add_scaled(at.v[i], T::ONE, change[i]);
+                v.0[n] = add_scaled(at.v[i], T::ONE, velocity_change[i]);
                 u.0[n] = add_scaled(at.u[i], h, v.0[n]);
             }
             []
@@ -280,7 +285,7 @@ impl<T: Real> LinearStepSolver<T> {
 
     pub(in crate::physics::cpu) fn linearise(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         at: StateRef<'_, T>,
         h: T,
@@ -289,68 +294,82 @@ impl<T: Real> LinearStepSolver<T> {
             Nodes(&mut self.diagonal),
             Nodes(&mut self.stiffness_times_velocity),
         );
-        scene
+        context
             .plan
-            .for_each_chunk(data, &|_, nodes, (diagonal, change)| {
-                change.0.fill(zero());
-                for (d, m) in diagonal.0.iter_mut().zip(&scene.masses[nodes]) {
+            .for_each_chunk(data, &|_, nodes, (diagonal, stiffness_velocity)| {
+                stiffness_velocity.0.fill(zero());
+                for (d, m) in diagonal.0.iter_mut().zip(&context.masses[nodes]) {
                     *d = [T::ZERO; 8];
                     d[..3].fill(*m);
                 }
                 []
             });
         for term in terms {
-            let share = SystemContribution {
+            let contribution = SystemContribution {
                 diagonal: &mut self.diagonal,
                 stiffness_velocity: &mut self.stiffness_times_velocity,
             };
-            term.linearise(scene.plan, at, h, share);
+            term.linearise(context.plan, at, h, contribution);
         }
     }
 
     /// Computes b = h (f + h K̃ v) and the inverse diagonal blocks D⁻¹. Returns bᵀD⁻¹b and the sum
     /// of the diagonal's means.
-    fn right_hand_side(&mut self, scene: &StepContext<'_, T>, h: T) -> (f64, f64) {
-        let (diagonal, change) = (&self.diagonal, &self.stiffness_times_velocity);
+    fn right_hand_side(&mut self, context: &StepContext<'_, T>, h: T) -> (f64, f64) {
+        let (diagonal, stiffness_velocity) = (&self.diagonal, &self.stiffness_times_velocity);
         let data = (
             Nodes(&mut self.solver.inverse),
             Nodes(&mut self.solver.residual),
         );
-        let [start, weight] = scene.plan.for_each_chunk(data, &|_, nodes, (inverses, b)| {
-            let (mut start, mut weight) = (0.0, 0.0);
-            for (n, i) in nodes.enumerate() {
-                if scene.free[i] == T::ZERO {
-                    inverses.0[n] = [zero(); 3];
-                    b.0[n] = zero();
-                    continue;
+        let [start, weight] = context
+            .plan
+            .for_each_chunk(data, &|_, nodes, (inverses, b)| {
+                let (mut start, mut weight) = (0.0, 0.0);
+                for (n, i) in nodes.enumerate() {
+                    if context.free[i] == T::ZERO {
+                        inverses.0[n] = [zero(); 3];
+                        b.0[n] = zero();
+                        continue;
+                    }
+                    let d = &diagonal[i];
+                    inverses.0[n] = inverse(d);
+                    let r = scale(h, add_scaled(context.f[i], h, stiffness_velocity[i]));
+                    b.0[n] = r;
+                    let z = apply(&inverses.0[n], r);
+                    start += sum_f64([z[0] * r[0], z[1] * r[1], z[2] * r[2], T::ZERO]);
+                    weight += (d[0].to_f64() + d[1].to_f64() + d[2].to_f64()) / 3.0;
                 }
-                let d = &diagonal[i];
-                inverses.0[n] = inverse(d);
-                let r = scale(h, add_scaled(scene.f[i], h, change[i]));
-                b.0[n] = r;
-                let z = apply(&inverses.0[n], r);
-                start += sum_f64([z[0] * r[0], z[1] * r[1], z[2] * r[2], T::ZERO]);
-                weight += (d[0].to_f64() + d[1].to_f64() + d[2].to_f64()) / 3.0;
-            }
-            [start, weight]
-        });
+                [start, weight]
+            });
         (start, weight)
     }
 
-    fn build(&mut self, scene: &StepContext<'_, T>, terms: &[Box<dyn Term<T>>], u: &[V4<T>]) {
+    fn build_coarse_space(
+        &mut self,
+        context: &StepContext<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        u: &[V4<T>],
+    ) {
         let coarse = self
             .coarse
-            .get_or_insert_with(|| CoarseSpace::new(scene.plan, terms));
+            .get_or_insert_with(|| CoarseSpace::new(context.plan, terms));
         let point = |i: usize| {
-            let (r, u) = (scene.rest[i], u[i]);
+            let (r, u) = (context.rest[i], u[i]);
             DVec3::new(
                 r[0].to_f64() + u[0].to_f64(),
                 r[1].to_f64() + u[1].to_f64(),
                 r[2].to_f64() + u[2].to_f64(),
             )
         };
-        let free = |i: usize| scene.free[i] != T::ZERO;
-        let tied = &self.solver.rigid_projection;
-        coarse.factorise(scene.plan, point, free, &self.diagonal, terms, tied);
+        let free = |i: usize| context.free[i] != T::ZERO;
+        let rigid_projection = &self.solver.rigid_projection;
+        coarse.factorise(
+            context.plan,
+            point,
+            free,
+            &self.diagonal,
+            terms,
+            rigid_projection,
+        );
     }
 }

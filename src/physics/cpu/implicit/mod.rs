@@ -9,6 +9,7 @@ pub(super) mod linear_step;
 pub(super) mod newton;
 mod newton_direction;
 mod newton_iterations;
+pub(super) mod push_out;
 pub(super) mod residual;
 pub(super) mod schemes;
 #[cfg(test)]

@@ -16,7 +16,7 @@ use super::newton_iterations::NewtonIterations;
 use super::schemes::{ImplicitScheme, StepCoefficients};
 use super::trial_state::TrialState;
 use crate::physics::NewtonSettings;
-use crate::physics::cpu::node_constraints::Loads;
+use crate::physics::cpu::external_loads::ExternalLoads;
 use crate::physics::cpu::partition::{Nodes, Partition};
 use crate::physics::cpu::rigid::bodies::RigidBodies;
 use crate::physics::cpu::rigid::pose::Pose;
@@ -63,7 +63,7 @@ pub struct NewtonSolver<T> {
 #[derive(Clone, Copy)]
 pub struct StepInput<'a, T> {
     /// External loads.
-    pub loads: &'a Loads<T>,
+    pub loads: &'a ExternalLoads<T>,
     /// Inverse masses; 0 for fixed nodes.
     pub inverse: &'a [T],
     /// Length of the previous step, local units; 0 for none.
@@ -108,14 +108,14 @@ impl<T: Real> NewtonSolver<T> {
         }
     }
 
-    /// Returns the coefficients of a step of `h`, given the history in `implicit`.
+    /// Returns the coefficients of a step of `h`, given the history in `linear_solver`.
     fn step_coefficients(
         &self,
-        implicit: &LinearStepSolver<T>,
+        linear_solver: &LinearStepSolver<T>,
         h: f64,
         last: f64,
     ) -> StepCoefficients {
-        let known = if implicit.solver.count == 2 {
+        let known = if linear_solver.solver.count == 2 {
             last
         } else {
             0.0
@@ -126,65 +126,67 @@ impl<T: Real> NewtonSolver<T> {
     /// Solves for δ. `None` if no guess has a finite energy.
     pub fn step(
         &mut self,
-        implicit: &mut LinearStepSolver<T>,
-        scene: &StepContext<'_, T>,
+        linear_solver: &mut LinearStepSolver<T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         outside: StepInput<'_, T>,
         h: f64,
     ) -> Option<NewtonResult> {
-        let form = self.step_coefficients(implicit, h, outside.last);
-        self.prepare(implicit, scene, terms, outside, form);
-        let stages = self.begin(implicit, scene, terms, form)?;
+        let coefficients = self.step_coefficients(linear_solver, h, outside.last);
+        self.prepare(linear_solver, context, terms, outside, coefficients);
+        let stages = self.begin(linear_solver, context, terms, coefficients)?;
         let share = |stage: u32| f64::from(stage) / f64::from(stages.max(1));
         let mut iterations = 0;
         for stage in 1..stages {
             let shares = [share(stage), share(stage + 1)];
-            iterations += self.advance_tool_stage(implicit, scene, terms, form, shares);
+            iterations +=
+                self.advance_tool_stage(linear_solver, context, terms, coefficients, shares);
         }
-        let with = (form, stages > 0);
-        let newton = NewtonIterations::new(self, implicit, scene, terms, with);
+        let with = (coefficients, stages > 0);
+        let newton = NewtonIterations::new(self, linear_solver, context, terms, with);
         Some(newton.run(iterations))
     }
 
     /// Prepares the masses, the damping and the guesses of a step.
     fn prepare(
         &mut self,
-        implicit: &LinearStepSolver<T>,
-        scene: &StepContext<'_, T>,
+        linear_solver: &LinearStepSolver<T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         outside: StepInput<'_, T>,
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) {
-        self.scale_masses(scene, form.gamma);
-        self.freeze_damping(scene, terms, form);
-        let known = &implicit.solver.previous_solutions;
-        let history = (implicit.solver.count == 2).then_some(known);
+        self.scale_masses(context, coefficients.gamma);
+        self.freeze_damping(context, terms, coefficients);
+        let known = &linear_solver.solver.previous_solutions;
+        let history = (linear_solver.solver.count == 2).then_some(known);
         self.rigid.midpoint = self.rule == ImplicitScheme::Midpoint;
         if outside.last == 0.0 {
             self.rigid.clear_torques();
         }
         let rigid = &self.rigid;
-        self.guesses.prepare(scene, outside, history, form, rigid);
+        self.guesses
+            .prepare(context, outside, history, coefficients, rigid);
     }
 
     /// Begins contact and selects the best guess. Returns the number of stages of tool motion, 0 if
     /// no contact is near; `None` if no guess has a finite energy.
     fn begin(
         &mut self,
-        implicit: &mut LinearStepSolver<T>,
-        scene: &StepContext<'_, T>,
+        linear_solver: &mut LinearStepSolver<T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) -> Option<u32> {
-        let mut stages = self.begin_contact(implicit, scene, terms, form);
+        let mut stages = self.begin_contact(linear_solver, context, terms, coefficients);
         let first = 1.0 / f64::from(stages.max(1));
         let touches = stages > 0 || self_contact(terms).is_some();
-        if !self.start(scene, terms, form, touches.then_some(first)) {
+        if !self.start(context, terms, coefficients, touches.then_some(first)) {
             return None;
         }
-        if self.refresh_candidates(scene, terms) && stages == 0 {
-            implicit.drop_aggregate_pattern();
-            stages = self.begin_contact_iterations(implicit);
+        if self.refresh_candidates(context, terms) && stages == 0 {
+            linear_solver.drop_aggregate_pattern();
+            stages = self.begin_contact_iterations(linear_solver);
         }
         Some(stages)
     }
@@ -192,13 +194,13 @@ impl<T: Real> NewtonSolver<T> {
     /// Writes the state at the end of the step.
     pub fn finish(
         &mut self,
-        scene: &StepContext<'_, T>,
-        implicit: &LinearStepSolver<T>,
+        context: &StepContext<'_, T>,
+        linear_solver: &LinearStepSolver<T>,
         (h, last): (f64, f64),
         next: (&mut [V4<T>], &mut [V4<T>]),
     ) {
-        let form = self.step_coefficients(implicit, h, last);
-        let stride = T::from_f64(form.end_scale);
+        let coefficients = self.step_coefficients(linear_solver, h, last);
+        let stride = T::from_f64(coefficients.end_scale);
         let (u, v) = next;
         let next = (&mut *u, &mut *v);
         let TrialState {
@@ -207,23 +209,23 @@ impl<T: Real> NewtonSolver<T> {
             ..
         } = &mut self.best;
         let data = (Nodes(next.0), Nodes(next.1), Nodes(delta), Nodes(speed));
-        scene
+        context
             .plan
             .for_each_chunk(data, &|_, nodes, (u, v, by, faster)| {
                 for (n, i) in nodes.enumerate() {
-                    let before = scene.at.v[i];
+                    let before = context.at.v[i];
                     by.0[n] = scale(stride, by.0[n]);
                     // To w, or to 2w − v.
                     let change = scale(stride, sub(faster.0[n], before));
-                    faster.0[n] = scale(scene.free[i], change);
-                    u.0[n] = add_scaled(scene.at.u[i], T::ONE, by.0[n]);
+                    faster.0[n] = scale(context.free[i], change);
+                    u.0[n] = add_scaled(context.at.u[i], T::ONE, by.0[n]);
                     v.0[n] = add_scaled(before, T::ONE, faster.0[n]);
                 }
                 []
             });
         let rigid = &mut self.rigid;
         if rigid.midpoint {
-            rigid.extrapolate_end(form.gamma, scene.at.v, v);
+            rigid.extrapolate_end(coefficients.gamma, context.at.v, v);
         } else {
             for b in 0..rigid.bodies.len() {
                 rigid.write_velocities(b, false, v);
@@ -233,17 +235,17 @@ impl<T: Real> NewtonSolver<T> {
     }
 
     /// Stores the changes of velocity and displacement of the finished step.
-    pub fn keep(&mut self, implicit: &mut LinearStepSolver<T>) {
-        let [change, moved] = &mut implicit.solver.previous_solutions;
+    pub fn keep(&mut self, linear_solver: &mut LinearStepSolver<T>) {
+        let [change, moved] = &mut linear_solver.solver.previous_solutions;
         std::mem::swap(change, &mut self.best.velocities);
         std::mem::swap(moved, &mut self.best.delta);
-        implicit.solver.count = 2;
+        linear_solver.solver.count = 2;
         self.rigid.commit();
     }
 
-    fn scale_masses(&mut self, scene: &StepContext<'_, T>, gamma: f64) {
+    fn scale_masses(&mut self, context: &StepContext<'_, T>, gamma: f64) {
         let more = T::from_f64(1.0 + self.mass_damping * gamma);
-        for (to, m) in self.masses.iter_mut().zip(scene.masses) {
+        for (to, m) in self.masses.iter_mut().zip(context.masses) {
             *to = more * *m;
         }
     }
@@ -252,23 +254,23 @@ impl<T: Real> NewtonSolver<T> {
     /// second-order schemes extrapolated to the evaluation time of their forces, to keep the order.
     fn freeze_damping(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) {
         if !terms.iter().any(|t| t.damped()) {
             return;
         }
         self.damping_displacements.clear();
-        self.damping_displacements.extend_from_slice(scene.at.u);
+        self.damping_displacements.extend_from_slice(context.at.u);
         if self.rule != ImplicitScheme::Euler {
-            let ahead = T::from_f64(form.evaluation_time);
-            for (to, v) in self.damping_displacements.iter_mut().zip(scene.at.v) {
+            let ahead = T::from_f64(coefficients.evaluation_time);
+            for (to, v) in self.damping_displacements.iter_mut().zip(context.at.v) {
                 *to = add_scaled(*to, ahead, *v);
             }
         }
         for term in terms {
-            term.freeze_damping(scene.plan, &self.damping_displacements);
+            term.freeze_damping(context.plan, &self.damping_displacements);
         }
     }
 
@@ -276,28 +278,34 @@ impl<T: Real> NewtonSolver<T> {
     /// their paths.
     fn start(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
         tools: Option<f64>,
     ) -> bool {
         let mut found = false;
-        let mut led = 1.0;
+        let mut prescribed_fraction = 1.0;
         for guess in InitialGuess::ALL {
             if !self.guesses.has(guess) {
                 continue;
             }
             let (guesses, trial) = (&self.guesses, &mut self.trial);
-            let at = |i: usize| guesses.at(guess, scene, i);
+            let at = |i: usize| guesses.at(guess, context, i);
             self.prescribed_fraction = 1.0;
             self.rigid.prescribed_fraction = 1.0;
             match guess {
                 InitialGuess::AtRest => self.rigid.reset_trial(),
                 _ => self.rigid.set_trial_from(at),
             }
-            trial.set_displacement(scene, guesses, (form, self.mass_damping), &self.rigid, at);
+            trial.set_displacement(
+                context,
+                guesses,
+                (coefficients, self.mass_damping),
+                &self.rigid,
+                at,
+            );
             if let Some(share) = tools {
-                self.truncate_guess(scene, terms, form, share);
+                self.truncate_guess(context, terms, coefficients, share);
             }
             let trial = &mut self.trial;
             // E is hardly ever negative, so a guess with too much inertia is skipped.
@@ -305,35 +313,35 @@ impl<T: Real> NewtonSolver<T> {
                 continue;
             }
             trial.evaluate(
-                scene,
+                context,
                 terms,
                 &self.damping_displacements,
                 &mut self.forces,
-                form,
+                coefficients,
             );
             let total = trial.total();
             if total.is_finite() && (!found || total < self.best.total()) {
                 std::mem::swap(&mut self.best, &mut self.trial);
                 self.rigid.accept_trial();
                 found = true;
-                led = self.prescribed_fraction;
+                prescribed_fraction = self.prescribed_fraction;
             }
         }
-        self.prescribed_fraction = led;
-        self.rigid.prescribed_fraction = led;
+        self.prescribed_fraction = prescribed_fraction;
+        self.rigid.prescribed_fraction = prescribed_fraction;
         found
     }
 
     /// Returns the coefficients for trials, with the current fraction of the prescribed motion.
     pub(in crate::physics::cpu) fn trial_coefficients(
         &self,
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) -> (StepCoefficients, f64) {
-        let reach = self.prescribed_fraction * form.evaluation_time;
+        let reach = self.prescribed_fraction * coefficients.evaluation_time;
         (
             StepCoefficients {
                 evaluation_time: reach,
-                ..form
+                ..coefficients
             },
             self.mass_damping,
         )
@@ -342,26 +350,30 @@ impl<T: Real> NewtonSolver<T> {
     /// Rebuilds the coarse space of a restored state.
     pub fn resume(
         &mut self,
-        implicit: &mut LinearStepSolver<T>,
-        scene: &StepContext<'_, T>,
+        linear_solver: &mut LinearStepSolver<T>,
+        context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
-        basis: super::linear_step::CoarseSpaceState<T>,
+        coarse_state: super::linear_step::CoarseSpaceState<T>,
     ) {
-        self.scale_masses(scene, basis.h.to_f64());
-        self.projected = basis.projected_solves_left;
+        self.scale_masses(context, coarse_state.h.to_f64());
+        self.projected = coarse_state.projected_solves_left;
         for term in terms.iter_mut() {
-            term.set_psd_projection(basis.projected);
-            if !basis.damping_displacements.is_empty() {
-                term.freeze_damping(scene.plan, &basis.damping_displacements);
+            term.set_psd_projection(coarse_state.projected);
+            if !coarse_state.damping_displacements.is_empty() {
+                term.freeze_damping(context.plan, &coarse_state.damping_displacements);
             }
         }
         let heavier = StepContext {
             masses: &self.masses,
-            ..*scene
+            ..*context
         };
-        let poses: Vec<Pose> = basis.poses.iter().map(|p| Pose::from_array(*p)).collect();
-        let projection = &mut implicit.solver.rigid_projection;
+        let poses: Vec<Pose> = coarse_state
+            .poses
+            .iter()
+            .map(|p| Pose::from_array(*p))
+            .collect();
+        let projection = &mut linear_solver.solver.rigid_projection;
         self.rigid.update_projection(&poses, projection);
-        implicit.resume(&heavier, terms, basis);
+        linear_solver.resume(&heavier, terms, coarse_state);
     }
 }

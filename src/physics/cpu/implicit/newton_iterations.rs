@@ -66,7 +66,7 @@ struct Direction {
     /// Squared residual that it started from.
     start: f64,
     /// Decrease of Φ that the quadratic model predicts, doubled.
-    gain: f64,
+    predicted_decrease: f64,
     /// Rounding error of Φ.
     slack: f64,
 }
@@ -77,26 +77,26 @@ struct Decrease {
     /// Length, in directions.
     length: f64,
     /// Decrease of Φ.
-    fall: f64,
+    decrease: f64,
 }
 
 /// The iterations of one step, from the state `best` of the solver.
 pub(super) struct NewtonIterations<'a, T: Real> {
     newton: &'a mut NewtonSolver<T>,
-    implicit: &'a mut LinearStepSolver<T>,
-    scene: &'a StepContext<'a, T>,
+    linear_solver: &'a mut LinearStepSolver<T>,
+    context: &'a StepContext<'a, T>,
     terms: &'a mut [Box<dyn Term<T>>],
-    form: StepCoefficients,
+    coefficients: StepCoefficients,
     /// Whether contact is near.
     contact: bool,
     round: u32,
     /// Number of rounds after which the step is accepted unless it inverts tetrahedra.
     max_rounds: u32,
-    /// Squared residual in the current round, and the goal.
+    /// Squared residual in the current round, and at convergence.
     residual: f64,
-    goal: f64,
+    target_residual: f64,
     /// Squared residual before the first solve.
-    first: f64,
+    first_residual: f64,
     /// Whether prescribed motion was resumed in this round.
     motion_resumed: bool,
     /// Whether prescribed motion resumes in the next round regardless of the residual.
@@ -111,13 +111,14 @@ pub(super) struct NewtonIterations<'a, T: Real> {
 }
 
 impl<'a, T: Real> NewtonIterations<'a, T> {
-    /// Prepares the iterations of a step with coefficients `form`, with contact near or not.
+    /// Prepares the iterations of a step with coefficients `coefficients`, with contact near or
+    /// not.
     pub fn new(
         newton: &'a mut NewtonSolver<T>,
-        implicit: &'a mut LinearStepSolver<T>,
-        scene: &'a StepContext<'a, T>,
+        linear_solver: &'a mut LinearStepSolver<T>,
+        context: &'a StepContext<'a, T>,
         terms: &'a mut [Box<dyn Term<T>>],
-        (form, contact): (StepCoefficients, bool),
+        (coefficients, contact): (StepCoefficients, bool),
     ) -> NewtonIterations<'a, T> {
         let iterations = newton.step_settings.iterations;
         let max_rounds = match newton.prescribed_fraction < 1.0 {
@@ -126,16 +127,16 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
         };
         NewtonIterations {
             newton,
-            implicit,
-            scene,
+            linear_solver,
+            context,
             terms,
-            form,
+            coefficients,
             contact,
             round: 0,
             max_rounds,
             residual: f64::INFINITY,
-            goal: 0.0,
-            first: 0.0,
+            target_residual: 0.0,
+            first_residual: 0.0,
             motion_resumed: false,
             resume_motion: false,
             friction_updates: 0,
@@ -171,21 +172,27 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
         self.motion_resumed = false;
         let mut scale = self.compute_residual();
         if self.contact {
-            let (implicit, terms) = (&*self.implicit, &*self.terms);
-            scale = scale.max(self.newton.contact_weight(implicit, terms, self.form));
+            let (linear_solver, terms) = (&*self.linear_solver, &*self.terms);
+            scale = scale.max(self.newton.contact_residual_scale(
+                linear_solver,
+                terms,
+                self.coefficients,
+            ));
         }
         self.residual = match self.round > 0 {
-            true => self.implicit.preconditioned_norm_squared(self.scene.plan),
+            true => self
+                .linear_solver
+                .preconditioned_norm_squared(self.context.plan),
             false => f64::INFINITY,
         };
         let tolerance = self.newton.step_settings.tolerance;
-        self.goal = (tolerance * tolerance) * scale;
+        self.target_residual = (tolerance * tolerance) * scale;
         if self.friction_may_change() {
-            self.goal *= FRICTION_UPDATE_RESIDUAL_RATIO;
+            self.target_residual *= FRICTION_UPDATE_RESIDUAL_RATIO;
         }
         let resumes = self.motion_is_blocked()
             && (std::mem::take(&mut self.resume_motion)
-                || self.residual <= RESUME_RESIDUAL_RATIO * self.goal);
+                || self.residual <= RESUME_RESIDUAL_RATIO * self.target_residual);
         match resumes {
             true => State::ResumeMotion,
             false => State::CheckResidual,
@@ -194,7 +201,7 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
 
     fn resume_motion(&mut self) -> State {
         self.newton
-            .advance_prescribed_motion(self.scene, self.terms, self.form);
+            .advance_prescribed_motion(self.context, self.terms, self.coefficients);
         self.compute_residual();
         self.motion_resumed = true;
         State::CheckResidual
@@ -203,9 +210,10 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
     fn check_residual(&mut self) -> State {
         // The measure uses blocks of the previous step, which a resumed run does not have.
         if self.contact && self.round == 0 && self_contact(self.terms).is_some() {
-            self.goal = 0.0;
+            self.target_residual = 0.0;
         }
-        let converged = self.round > 0 && !self.motion_resumed && self.residual <= self.goal;
+        let converged =
+            self.round > 0 && !self.motion_resumed && self.residual <= self.target_residual;
         match converged {
             false => State::Solve,
             true if self.friction_may_change() => State::UpdateFriction,
@@ -216,7 +224,7 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
     fn update_friction(&mut self) -> State {
         self.friction_updates += 1;
         let newton = &mut *self.newton;
-        if newton.update_friction(self.scene, self.terms, self.form) {
+        if newton.update_friction(self.context, self.terms, self.coefficients) {
             self.compute_residual();
         } else {
             self.friction_updates = MAX_FRICTION_UPDATES;
@@ -226,73 +234,88 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
 
     fn solve(&mut self) -> State {
         let solved = self.newton.solve(
-            self.implicit,
-            self.scene,
+            self.linear_solver,
+            self.context,
             self.terms,
-            self.form,
-            (self.first, self.goal),
+            self.coefficients,
+            (self.first_residual, self.target_residual),
         );
         let Some((start, outcome)) = solved else {
-            return self.go_on_with_motion();
+            return self.resume_blocked_motion();
         };
         if self.round == 0 {
-            self.first = start;
+            self.first_residual = start;
         }
         self.result.iterations += outcome.iterations;
         self.result.residual = outcome.residual;
         State::Search(Direction {
             start,
-            gain: outcome.predicted_decrease / (self.form.gamma * self.form.gamma),
+            predicted_decrease: outcome.predicted_decrease
+                / (self.coefficients.gamma * self.coefficients.gamma),
             slack: self.newton.best.rounding_error(),
         })
     }
 
     fn search(&mut self, direction: Direction) -> State {
-        let Direction { gain, slack, .. } = direction;
-        let found = self
-            .newton
-            .line_search(self.implicit, self.scene, self.terms, self.form, gain);
+        let Direction {
+            predicted_decrease,
+            slack,
+            ..
+        } = direction;
+        let found = self.newton.line_search(
+            self.linear_solver,
+            self.context,
+            self.terms,
+            self.coefficients,
+            predicted_decrease,
+        );
         match found {
             Some(_) if self.motion_resumed || self.motion_is_blocked() => State::NextRound,
-            Some((length, fall)) => State::CheckDecrease(direction, Decrease { length, fall }),
+            Some((length, decrease)) => {
+                State::CheckDecrease(direction, Decrease { length, decrease })
+            }
             None => {
                 // Exact blocks may give a bad direction; projected ones cannot, unless the contact
                 // candidates changed.
-                let astray = self.newton.projected == 0 || self.newton.candidates_changed;
-                if (astray && gain > slack) || self.motion_resumed {
+                let may_be_wrong = self.newton.projected == 0 || self.newton.candidates_changed;
+                if (may_be_wrong && predicted_decrease > slack) || self.motion_resumed {
                     self.newton.projected = PROJECTED_SOLVES;
                     return State::NextRound;
                 }
-                self.go_on_with_motion()
+                self.resume_blocked_motion()
             }
         }
     }
 
     fn check_decrease(&mut self, direction: Direction, found: Decrease) -> State {
-        let Direction { start, gain, slack } = direction;
-        let ratio = found.fall / (0.5 * gain);
+        let Direction {
+            start,
+            predicted_decrease,
+            slack,
+        } = direction;
+        let ratio = found.decrease / (0.5 * predicted_decrease);
         let trusted =
             found.length == 1.0 && ratio > MODEL_AGREEMENT && ratio < 1.0 / MODEL_AGREEMENT;
-        self.roundoff_iterations += u32::from(gain <= slack);
-        let spare = if self.contact {
+        self.roundoff_iterations += u32::from(predicted_decrease <= slack);
+        let allowed_roundoff_iterations = if self.contact {
             MAX_ROUNDOFF_ITERATIONS
         } else {
             0
         };
-        if start <= self.goal || self.roundoff_iterations > spare {
+        if start <= self.target_residual || self.roundoff_iterations > allowed_roundoff_iterations {
             return State::Done;
         }
-        self.best_gain = self.best_gain.max(gain);
+        self.best_gain = self.best_gain.max(predicted_decrease);
         let by_energy = self.newton.step_settings.tolerance == 0.0;
-        let last = self.round + 1 >= self.max_rounds;
-        let near =
-            trusted && (self.round == 0 || gain <= CONVERGED_DECREASE_RATIO * self.best_gain);
-        let enough = by_energy && (trusted || self.round + 1 >= MAX_ITERATIONS_INVERTED_START);
-        if !(enough || last) {
+        let is_last_round = self.round + 1 >= self.max_rounds;
+        let has_converged = trusted
+            && (self.round == 0 || predicted_decrease <= CONVERGED_DECREASE_RATIO * self.best_gain);
+        let is_enough = by_energy && (trusted || self.round + 1 >= MAX_ITERATIONS_INVERTED_START);
+        if !(is_enough || is_last_round) {
             return State::NextRound;
         }
-        let wanted = (by_energy && !near && !last) || self.inverts_tets();
-        match wanted && self.starts_uninverted() {
+        let needs_round = (by_energy && !has_converged && !is_last_round) || self.inverts_tets();
+        match needs_round && self.starts_uninverted() {
             true => State::NextRound,
             false => State::Done,
         }
@@ -306,8 +329,8 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
         }
     }
 
-    /// Goes on with blocked prescribed motion, if there is any: nothing else is left to do.
-    fn go_on_with_motion(&mut self) -> State {
+    /// Resumes blocked prescribed motion, if any.
+    fn resume_blocked_motion(&mut self) -> State {
         self.resume_motion = self.motion_is_blocked();
         match self.resume_motion {
             true => State::NextRound,
@@ -318,7 +341,12 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
     /// Computes the residual of the best trial. Returns the squared reference value.
     fn compute_residual(&mut self) -> f64 {
         let newton = &mut *self.newton;
-        newton.residual(self.implicit, self.scene, self.terms, self.form)
+        newton.residual(
+            self.linear_solver,
+            self.context,
+            self.terms,
+            self.coefficients,
+        )
     }
 
     fn motion_is_blocked(&self) -> bool {
@@ -332,13 +360,17 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
     /// Whether tetrahedra are inverted at the evaluation time of the forces: at the end of the
     /// step, or for the midpoint rule at its middle.
     fn inverts_tets(&self) -> bool {
-        has_inverted_tets(self.scene.plan, self.terms, &self.newton.best.displacements)
+        has_inverted_tets(
+            self.context.plan,
+            self.terms,
+            &self.newton.best.displacements,
+        )
     }
 
     fn starts_uninverted(&mut self) -> bool {
-        let (scene, terms) = (self.scene, &*self.terms);
+        let (context, terms) = (self.context, &*self.terms);
         *self
             .starts_uninverted
-            .get_or_insert_with(|| !has_inverted_tets(scene.plan, terms, scene.at.u))
+            .get_or_insert_with(|| !has_inverted_tets(context.plan, terms, context.at.u))
     }
 }

@@ -13,20 +13,20 @@ impl<T: Real> NewtonSolver<T> {
     /// times the forces, or the momentum they change.
     pub(in crate::physics::cpu) fn residual(
         &mut self,
-        implicit: &mut LinearStepSolver<T>,
-        scene: &StepContext<'_, T>,
+        linear_solver: &mut LinearStepSolver<T>,
+        context: &StepContext<'_, T>,
         terms: &[Box<dyn Term<T>>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) -> f64 {
-        let square = T::from_f64(form.gamma * form.gamma);
-        let heavier = T::from_f64(self.mass_damping * form.gamma);
+        let square = T::from_f64(coefficients.gamma * coefficients.gamma);
+        let heavier = T::from_f64(self.mass_damping * coefficients.gamma);
         let (best, guesses, lagged) = (&self.best, &self.guesses, &self.damping_displacements);
-        let solver = &mut implicit.solver;
+        let solver = &mut linear_solver.solver;
         let rigid = &self.rigid;
         rigid.update_projection(&rigid.best, &mut solver.rigid_projection);
         let (inverses, tied) = (&solver.inverse, &solver.rigid_projection);
         let data = (Nodes(&mut solver.residual), ());
-        let [pull, push] = scene.plan.for_each_chunk(data, &|chunk, nodes, (b, ())| {
+        let [pull, push] = context.plan.for_each_chunk(data, &|chunk, nodes, (b, ())| {
             let start = nodes.start;
             b.0.fill(zero());
             for term in terms {
@@ -41,7 +41,7 @@ impl<T: Real> NewtonSolver<T> {
             }
             let (mut pull, mut push) = (0.0, 0.0);
             for (n, i) in nodes.enumerate() {
-                let (m, free) = (scene.masses[i], scene.free[i]);
+                let (m, free) = (context.masses[i], context.free[i]);
                 let force = scale(free * square, b.0[n]);
                 let goal = scale(free * m, guesses.goal(i));
                 pull += dot_f64(force, apply(&inverses[i], force));
@@ -50,13 +50,13 @@ impl<T: Real> NewtonSolver<T> {
                 let drag = scale(heavier * m, sub(best.delta[i], guesses.base(i)));
                 b.0[n] = scale(free, sub(sub(scale(square, b.0[n]), off), drag));
             }
-            for body in tied.bodies_of(scene.plan, chunk) {
+            for body in tied.bodies_of(context.plan, chunk) {
                 let first = body.nodes().start;
-                let goal = |i: usize| scale(scene.masses[i], guesses.goal(i));
+                let goal = |i: usize| scale(context.masses[i], guesses.goal(i));
                 let inertia = |i: usize| {
                     let off = sub(best.delta[i], guesses.goal(i));
                     let drag = scale(heavier, sub(best.delta[i], guesses.base(i)));
-                    scale(scene.masses[i], add(off, drag))
+                    scale(context.masses[i], add(off, drag))
                 };
                 let force = |n: usize| add(b.0[first + n - start], inertia(first + n));
                 pull += body.energy(&body.restrict(force));

@@ -276,7 +276,7 @@ fn affine_patch_stays_affine() {
         })
         .collect();
     assert!(holds.len() < network.rest_positions.len() - 20);
-    body.set_attachments(&holds).unwrap();
+    body.set_node_constraints(&holds).unwrap();
     body.run(200, 0.1).unwrap();
     for (x, p) in body.positions().iter().zip(&network.rest_positions) {
         assert!(x.distance(turn * *p) < 1e-8, "{x} {}", turn * *p);

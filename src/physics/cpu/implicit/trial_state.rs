@@ -54,16 +54,16 @@ impl<T: Real> TrialState<T> {
     /// of the free nodes.
     pub fn set_displacement(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         guesses: &InitialGuesses<T>,
-        (form, mass_damping): (StepCoefficients, f64),
+        (coefficients, mass_damping): (StepCoefficients, f64),
         rigid: &RigidBodies,
         at: impl Fn(usize) -> V4<T> + Sync,
     ) {
-        let over = T::from_f64(1.0 / form.gamma);
+        let over = T::from_f64(1.0 / coefficients.gamma);
         let (reach, ahead) = (
-            T::from_f64(form.evaluation_time),
-            T::from_f64(1.0 / form.evaluation_time),
+            T::from_f64(coefficients.evaluation_time),
+            T::from_f64(1.0 / coefficients.evaluation_time),
         );
         let data = (
             Nodes(&mut self.delta),
@@ -71,35 +71,36 @@ impl<T: Real> TrialState<T> {
             Nodes(&mut self.velocities),
         );
         let [inertia, drag] =
-            scene
+            context
                 .plan
                 .for_each_chunk(data, &|_, nodes, (delta, place, speed)| {
                     let (mut inertia, mut drag) = (0.0, 0.0);
                     for (n, i) in nodes.enumerate() {
-                        let free = scene.free[i];
-                        let led = match i >= rigid.first {
+                        let free = context.free[i];
+                        let prescribed_velocity = match i >= rigid.first {
                             true => scale((T::ONE - free) * ahead, rigid.change(i)),
-                            false => scale(T::ONE - free, scene.at.v[i]),
+                            false => scale(T::ONE - free, context.at.v[i]),
                         };
                         let d = match i >= rigid.first {
                             true => rigid.change(i),
-                            false => add_scaled(scale(free, at(i)), reach, led),
+                            false => add_scaled(scale(free, at(i)), reach, prescribed_velocity),
                         };
                         delta.0[n] = d;
-                        place.0[n] = add(scene.at.u[i], d);
-                        let w = add_scaled(led, free * over, sub(d, guesses.base(i)));
+                        place.0[n] = add(context.at.u[i], d);
+                        let w =
+                            add_scaled(prescribed_velocity, free * over, sub(d, guesses.base(i)));
                         speed.0[n] = w;
                         // Divided by γ before squaring: the square of a small number would be
                         // subnormal.
                         let off = scale(free * over, sub(d, guesses.goal(i)));
-                        let m = scene.masses[i];
+                        let m = context.masses[i];
                         inertia +=
                             (m * (off[0] * off[0] + off[1] * off[1] + off[2] * off[2])).to_f64();
                         drag += (m * (w[0] * w[0] + w[1] * w[1] + w[2] * w[2])).to_f64();
                     }
                     [inertia, drag]
                 });
-        self.inertia = 0.5 * (inertia + mass_damping * form.gamma * drag);
+        self.inertia = 0.5 * (inertia + mass_damping * coefficients.gamma * drag);
         self.elastic = 0.0;
         self.dissipation = 0.0;
     }
@@ -107,15 +108,15 @@ impl<T: Real> TrialState<T> {
     /// Adds the energy and dissipation of the terms. `scratch` is overwritten.
     pub fn evaluate(
         &mut self,
-        scene: &StepContext<'_, T>,
+        context: &StepContext<'_, T>,
         terms: &[Box<dyn Term<T>>],
         lagged: &[V4<T>],
         scratch: &mut [V4<T>],
-        form: StepCoefficients,
+        coefficients: StepCoefficients,
     ) {
         let (place, speed) = (&self.displacements, &self.velocities);
         let [elastic, loss] =
-            scene
+            context
                 .plan
                 .for_each_chunk((Nodes(scratch), ()), &|chunk, _, (f, ())| {
                     let (mut elastic, mut loss) = (0.0, 0.0);
@@ -132,7 +133,7 @@ impl<T: Real> TrialState<T> {
                     [elastic, loss]
                 });
         self.elastic = elastic;
-        self.dissipation = form.gamma * loss;
+        self.dissipation = coefficients.gamma * loss;
     }
 }
 

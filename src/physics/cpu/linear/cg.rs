@@ -2,7 +2,7 @@
 //! coarse correction.
 
 use super::coarse_space::CoarseSpace;
-use super::rigid_modes::rigid_displacement;
+use super::rigid_modes::prolong;
 use super::rigid_projection::RigidProjection;
 use super::sparse_cholesky::Vec6Padded;
 use crate::physics::cpu::partition::{Groups, Nodes, Partition};
@@ -90,8 +90,8 @@ pub struct CgSolver<T> {
     /// D⁻¹ r.
     preconditioned: Vec<V4<T>>,
     other: Vec<V4<T>>,
-    motions: Vec<Vec6Padded<T>>,
-    forces: Vec<Vec6Padded<T>>,
+    coarse_solution: Vec<Vec6Padded<T>>,
+    restricted_residuals: Vec<Vec6Padded<T>>,
     /// Nodes of rigid bodies, which move together.
     pub rigid_projection: RigidProjection<T>,
 }
@@ -110,8 +110,8 @@ impl<T: Real> CgSolver<T> {
             product: vector(),
             preconditioned: vector(),
             other: vector(),
-            motions: vec![[T::ZERO; 8]; plan.groups()],
-            forces: vec![[T::ZERO; 8]; plan.groups()],
+            coarse_solution: vec![[T::ZERO; 8]; plan.groups()],
+            restricted_residuals: vec![[T::ZERO; 8]; plan.groups()],
             rigid_projection: RigidProjection::empty(),
         }
     }
@@ -157,7 +157,7 @@ impl<T: Real> CgSolver<T> {
         let (mut gain, mut indefinite) = (0.0, false);
         // NaN counts as converged here, and is detected in the state.
         while smooth > goal && iterations < stop.max_iterations {
-            let rz = smooth + self.apply_coarse(&mut coarse);
+            let rz = smooth + self.apply_coarse_correction(&mut coarse);
             let beta = if before > 0.0 { rz / before } else { 0.0 };
             before = rz;
             self.update_direction(a.plan, coarse.as_deref(), T::from_f64(beta));
@@ -254,17 +254,17 @@ impl<T: Real> CgSolver<T> {
         alpha: T,
     ) -> f64 {
         let (p, q, inverse) = (&self.direction, &self.product, &self.inverse);
-        let tied = &self.rigid_projection;
+        let rigid_projection = &self.rigid_projection;
         let data = (
             Nodes(&mut self.solution),
             Nodes(&mut self.residual),
             Nodes(&mut self.preconditioned),
-            Groups(&mut self.forces),
+            Groups(&mut self.restricted_residuals),
         );
         let step = alpha.splat();
-        let [sum] = plan.for_each_chunk(data, &|chunk, nodes, (x, r, z, forces)| {
+        let [sum] = plan.for_each_chunk(data, &|chunk, nodes, (x, r, z, restricted_residuals)| {
             let mut sum = 0.0;
-            for (g, force) in plan.groups_of(chunk).zip(forces.0) {
+            for (g, force) in plan.groups_of(chunk).zip(restricted_residuals.0) {
                 let here = plan.group(g);
                 let mine = here.start - nodes.start..here.end - nodes.start;
                 let (x, r) = (&mut x.0[mine.clone()], &mut r.0[mine.clone()]);
@@ -282,7 +282,7 @@ impl<T: Real> CgSolver<T> {
                     lanes = lanes + smooth * rest;
                 }
                 sum += sum_f64(T::array(lanes));
-                if let Some(body) = tied.of(g) {
+                if let Some(body) = rigid_projection.block_of_group(g) {
                     *force = body.restrict(|n| r[n]);
                     sum += body.energy(force);
                 } else if let Some(coarse) = coarse {
@@ -296,31 +296,41 @@ impl<T: Real> CgSolver<T> {
 
     /// Applies the coarse correction and the inverse blocks of the rigid bodies to the restricted
     /// forces. Returns the coarse part of r·z, which is not in rᵀD⁻¹r.
-    fn apply_coarse(&mut self, coarse: &mut Option<&mut CoarseSpace<T>>) -> f64 {
+    fn apply_coarse_correction(&mut self, coarse: &mut Option<&mut CoarseSpace<T>>) -> f64 {
         let Some(coarse) = coarse else {
-            self.rigid_projection
-                .apply_inverse(&self.forces, &mut self.motions, false);
+            self.rigid_projection.apply_inverse(
+                &self.restricted_residuals,
+                &mut self.coarse_solution,
+                false,
+            );
             return 0.0;
         };
-        self.motions.copy_from_slice(&self.forces);
+        self.coarse_solution
+            .copy_from_slice(&self.restricted_residuals);
         self.rigid_projection
-            .remove_constrained_forces(&mut self.motions);
-        coarse.solve(&mut self.motions);
+            .remove_constrained_forces(&mut self.coarse_solution);
+        coarse.solve(&mut self.coarse_solution);
         let mut sum = 0.0;
-        for (f, m) in self.forces.iter().zip(&self.motions) {
+        for (f, m) in self.restricted_residuals.iter().zip(&self.coarse_solution) {
             for k in 0..6 {
                 sum += (f[k] * m[k]).to_f64();
             }
         }
-        self.rigid_projection
-            .apply_inverse(&self.forces, &mut self.motions, true);
+        self.rigid_projection.apply_inverse(
+            &self.restricted_residuals,
+            &mut self.coarse_solution,
+            true,
+        );
         sum
     }
 
     /// Updates the direction p = z + β p.
     fn update_direction(&mut self, plan: &Partition, coarse: Option<&CoarseSpace<T>>, beta: T) {
-        let (smoothed, motions, tied) =
-            (&self.preconditioned, &self.motions, &self.rigid_projection);
+        let (smoothed, coarse_solution, rigid_projection) = (
+            &self.preconditioned,
+            &self.coarse_solution,
+            &self.rigid_projection,
+        );
         plan.for_each_chunk(
             (Nodes(&mut self.direction), ()),
             &|chunk, nodes, (p, ())| {
@@ -328,8 +338,8 @@ impl<T: Real> CgSolver<T> {
                     let here = plan.group(g);
                     let p = &mut p.0[here.start - nodes.start..here.end - nodes.start];
                     let (z, first) = (&smoothed[here.clone()], here.start);
-                    if let Some(body) = tied.of(g) {
-                        body.update_direction(&motions[g], beta, p);
+                    if let Some(body) = rigid_projection.block_of_group(g) {
+                        body.update_direction(&coarse_solution[g], beta, p);
                         continue;
                     }
                     match coarse {
@@ -339,9 +349,9 @@ impl<T: Real> CgSolver<T> {
                             }
                         }
                         Some(coarse) => {
-                            let motion = &motions[g];
-                            for ((p, z), a) in p.iter_mut().zip(z).zip(coarse.arms(first)) {
-                                *p = add_scaled(add(*z, rigid_displacement(a, motion)), beta, *p);
+                            let motion = &coarse_solution[g];
+                            for ((p, z), a) in p.iter_mut().zip(z).zip(coarse.lever_arms(first)) {
+                                *p = add_scaled(add(*z, prolong(a, motion)), beta, *p);
                             }
                         }
                     }

@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 
 /// Returns the displacement of a node with the given arm for the rigid motion `m` of its group.
 #[inline(always)]
-pub fn rigid_displacement<T: Real>(arm: &V4<T>, m: &Vec6Padded<T>) -> V4<T> {
+pub fn prolong<T: Real>(arm: &V4<T>, m: &Vec6Padded<T>) -> V4<T> {
     let w = arm[3];
     add(
         [w * m[0], w * m[1], w * m[2], T::ZERO],

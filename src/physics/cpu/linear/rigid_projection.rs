@@ -5,7 +5,7 @@
 //! of P is [I, −[a]×] for node i's arm a: they are P B Pᵀ r, with B the inverse of the body's own
 //! block of Pᵀ A P. This is conjugate gradients on Pᵀ A P, without forming that matrix.
 
-use super::rigid_modes::{add_projected_block, rigid_displacement};
+use super::rigid_modes::{add_projected_block, prolong};
 use super::sparse_cholesky::{Block, DOF_PER_GROUP, Vec6Padded, inverse_factor};
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
@@ -20,7 +20,7 @@ pub struct RigidBlock<T> {
     nodes: Range<usize>,
     /// Position of each node relative to the pivot, in the body's radii; the fourth lane is 1, or 0
     /// if the pivot is fixed. All zero if the body is fixed.
-    arms: Vec<V4<T>>,
+    lever_arms: Vec<V4<T>>,
     /// Projector onto the permitted rotations.
     rotation_projector: DMat3,
     /// B.
@@ -28,8 +28,8 @@ pub struct RigidBlock<T> {
     /// B as built, the body's rotation at that time, and its current one; the block is `None` if it
     /// was not positive definite.
     built_block: Option<Block>,
-    turned: DQuat,
-    turn: DQuat,
+    built_rotation: DQuat,
+    rotation: DQuat,
     /// Whether the body has all six modes, like a group of a coarse space.
     free: bool,
 }
@@ -79,12 +79,12 @@ impl<T: Real> RigidProjection<T> {
         };
         let body = |nodes: &Range<usize>| RigidBlock {
             nodes: nodes.clone(),
-            arms: vec![zero(); nodes.len()],
+            lever_arms: vec![zero(); nodes.len()],
             rotation_projector: DMat3::ZERO,
             inverse: [[T::ZERO; 8]; DOF_PER_GROUP],
             built_block: None,
-            turned: DQuat::IDENTITY,
-            turn: DQuat::IDENTITY,
+            built_rotation: DQuat::IDENTITY,
+            rotation: DQuat::IDENTITY,
             free: false,
         };
         RigidProjection {
@@ -96,13 +96,13 @@ impl<T: Real> RigidProjection<T> {
 
     /// Returns the body of a group, if it is one.
     #[inline(always)]
-    pub fn of(&self, group: usize) -> Option<&RigidBlock<T>> {
+    pub fn block_of_group(&self, group: usize) -> Option<&RigidBlock<T>> {
         self.bodies.get(group.checked_sub(self.first)?)
     }
 
     /// Whether node `i` belongs to a rigid body.
     #[inline(always)]
-    pub fn has(&self, i: usize) -> bool {
+    pub fn contains(&self, i: usize) -> bool {
         i >= self.node
     }
 
@@ -112,12 +112,12 @@ impl<T: Real> RigidProjection<T> {
         body.free = pose.free;
         body.rotation_projector = pose.rotation_projector;
         let weight = if body.free { T::ONE } else { T::ZERO };
-        for (arm, r) in body.arms.iter_mut().zip(pose.lever_arms) {
+        for (lever_arm, r) in body.lever_arms.iter_mut().zip(pose.lever_arms) {
             let a = pose.rotation * (*r - pose.pivot) * pose.scale;
-            *arm = [T::from_f64(a.x), T::from_f64(a.y), T::from_f64(a.z), weight];
+            *lever_arm = [T::from_f64(a.x), T::from_f64(a.y), T::from_f64(a.z), weight];
         }
-        body.turn = pose.rotation;
-        body.turn_inverse();
+        body.rotation = pose.rotation;
+        body.rotate_inverse();
     }
 
     /// Builds the bodies' blocks from the linearised terms, with the diagonal blocks `diagonal`.
@@ -128,25 +128,25 @@ impl<T: Real> RigidProjection<T> {
         terms: &[Box<dyn Term<T>>],
     ) {
         for body in &mut self.bodies {
-            let (first, arms) = (body.nodes.start, &body.arms);
+            let (first, lever_arms) = (body.nodes.start, &body.lever_arms);
             let mut block: Block = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
-            for (d, arm) in diagonal[body.nodes.clone()].iter().zip(arms) {
+            for (d, lever_arm) in diagonal[body.nodes.clone()].iter().zip(lever_arms) {
                 let d = d.map(Real::to_f64);
                 let x = DVec3::new(d[0], d[3], d[4]);
                 let (y, z) = (DVec3::new(d[3], d[1], d[5]), DVec3::new(d[4], d[5], d[2]));
                 let m = DMat3::from_cols(x, y, z);
-                add_projected_block(&m, arm, arm, &mut block, false);
+                add_projected_block(&m, lever_arm, lever_arm, &mut block, false);
             }
             for term in terms {
                 term.visit_off_diagonal_in(body.nodes.clone(), &mut |[i, j], m| {
-                    let [a, b] = [i, j].map(|v| &arms[v as usize - first]);
+                    let [a, b] = [i, j].map(|v| &lever_arms[v as usize - first]);
                     add_projected_block(m, a, b, &mut block, false);
                     add_projected_block(m, a, b, &mut block, true);
                 });
             }
             body.built_block = inverse_within(&block, body.free, &body.rotation_projector);
-            body.turned = body.turn;
-            body.turn_inverse();
+            body.built_rotation = body.rotation;
+            body.rotate_inverse();
         }
     }
 
@@ -161,7 +161,7 @@ impl<T: Real> RigidProjection<T> {
         plan: &Partition,
         chunk: usize,
     ) -> impl Iterator<Item = &RigidBlock<T>> + '_ {
-        plan.groups_of(chunk).filter_map(|g| self.of(g))
+        plan.groups_of(chunk).filter_map(|g| self.block_of_group(g))
     }
 
     /// Zeroes the forces on constrained bodies, which the coarse space must not include.
@@ -184,29 +184,30 @@ impl<T: Real> RigidProjection<T> {
         let from = self.first.min(forces.len());
         let all = forces[from..].iter().zip(&mut motions[from..]);
         for (body, (f, m)) in self.bodies.iter().zip(all) {
-            let own = body.answer(f);
+            let motion = body.apply_inverse_block(f);
             match coarse {
-                true => m.iter_mut().zip(own).for_each(|(m, o)| *m += o),
-                false => *m = own,
+                true => m.iter_mut().zip(motion).for_each(|(m, o)| *m += o),
+                false => *m = motion,
             }
         }
     }
 }
 
 impl<T: Real> RigidBlock<T> {
-    fn turn_inverse(&mut self) {
-        let Some(made) = &self.built_block else {
+    fn rotate_inverse(&mut self) {
+        let Some(built) = &self.built_block else {
             return;
         };
-        let by = DMat3::from_quat(self.turn * self.turned.inverse());
+        let relative_rotation = DMat3::from_quat(self.rotation * self.built_rotation.inverse());
         let mut q = [[0.0; DOF_PER_GROUP]; DOF_PER_GROUP];
         for k in 0..3 {
             for r in 0..3 {
-                (q[k][r], q[3 + k][3 + r]) = (by.col(k)[r], by.col(k)[r]);
+                (q[k][r], q[3 + k][3 + r]) =
+                    (relative_rotation.col(k)[r], relative_rotation.col(k)[r]);
             }
         }
         let back: Block = std::array::from_fn(|c| std::array::from_fn(|r| q[r][c]));
-        let inverse = times(&times(&q, made), &back);
+        let inverse = times(&times(&q, built), &back);
         let entry = |c: usize, r: usize| {
             if r < DOF_PER_GROUP {
                 T::from_f64(inverse[c][r])
@@ -225,23 +226,23 @@ impl<T: Real> RigidBlock<T> {
     /// Returns Pᵀ r of the body's nodes: `at` returns r of the n-th node.
     #[inline]
     pub fn restrict(&self, at: impl Fn(usize) -> V4<T>) -> Vec6Padded<T> {
-        let (mut sum, mut turn) = ([0.0; 3], [0.0; 3]);
-        for (n, arm) in self.arms.iter().enumerate() {
-            let [a, r] = [arm, &at(n)].map(|v| [v[0].to_f64(), v[1].to_f64(), v[2].to_f64()]);
-            let w = arm[3].to_f64();
+        let (mut sum, mut torque) = ([0.0; 3], [0.0; 3]);
+        for (n, lever_arm) in self.lever_arms.iter().enumerate() {
+            let [a, r] = [lever_arm, &at(n)].map(|v| [v[0].to_f64(), v[1].to_f64(), v[2].to_f64()]);
+            let w = lever_arm[3].to_f64();
             for k in 0..3 {
                 let (i, j) = ((k + 1) % 3, (k + 2) % 3);
                 sum[k] += w * r[k];
-                turn[k] += a[i] * r[j] - a[j] * r[i];
+                torque[k] += a[i] * r[j] - a[j] * r[i];
             }
         }
-        let [[x, y, z], [a, b, c]] = [sum, turn].map(|v| v.map(T::from_f64));
+        let [[x, y, z], [a, b, c]] = [sum, torque].map(|v| v.map(T::from_f64));
         [x, y, z, a, b, c, T::ZERO, T::ZERO]
     }
 
     /// Returns B f.
     #[inline]
-    pub fn answer(&self, f: &Vec6Padded<T>) -> Vec6Padded<T> {
+    pub fn apply_inverse_block(&self, f: &Vec6Padded<T>) -> Vec6Padded<T> {
         let mut out = [T::ZERO; 8];
         for (column, f) in self.inverse.iter().zip(f) {
             for (o, c) in out.iter_mut().zip(column) {
@@ -254,13 +255,13 @@ impl<T: Real> RigidBlock<T> {
     /// Returns f·B f.
     #[inline]
     pub fn energy(&self, f: &Vec6Padded<T>) -> f64 {
-        let m = self.answer(f);
+        let m = self.apply_inverse_block(f);
         (0..DOF_PER_GROUP).map(|k| (f[k] * m[k]).to_f64()).sum()
     }
 
-    /// Returns the arms, for [`rigid_displacement`].
-    pub fn arms(&self) -> &[V4<T>] {
-        &self.arms
+    /// Returns the lever arms, for [`prolong`].
+    pub fn lever_arms(&self) -> &[V4<T>] {
+        &self.lever_arms
     }
 
     /// Whether the body has all six modes.
@@ -271,8 +272,8 @@ impl<T: Real> RigidBlock<T> {
     /// Computes p = z + P m + β p at the body's nodes, where z is from the diagonal blocks.
     #[inline]
     pub fn update_direction(&self, m: &Vec6Padded<T>, beta: T, p: &mut [V4<T>]) {
-        for (p, arm) in p.iter_mut().zip(&self.arms) {
-            let z = rigid_displacement(arm, m);
+        for (p, lever_arm) in p.iter_mut().zip(&self.lever_arms) {
+            let z = prolong(lever_arm, m);
             *p = add(z, [beta * p[0], beta * p[1], beta * p[2], T::ZERO]);
         }
     }

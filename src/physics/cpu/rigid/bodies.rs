@@ -174,7 +174,7 @@ impl RigidBodies {
     }
 
     /// Translates the free bodies now.
-    pub fn shift_now(&mut self, by: &[DVec3]) {
+    pub fn shift_current_poses(&mut self, by: &[DVec3]) {
         for ((pose, body), by) in self.now.iter_mut().zip(&self.bodies).zip(by) {
             if body.freedom == DegreesOfFreedom::Free {
                 pose.translation += *by;
@@ -194,21 +194,23 @@ impl RigidBodies {
                 continue;
             };
             let body = &self.bodies[b];
-            let led = self.now[b].interpolate(target, self.prescribed_fraction);
+            let interpolated_pose = self.now[b].interpolate(target, self.prescribed_fraction);
             self.trial[b] = match body.freedom {
                 // The rotation about the constrained points remains free.
                 DegreesOfFreedom::Rotational(pivot, axis) => {
                     let turn = self.trial[b].rotation;
                     let along = axis.map_or(DQuat::IDENTITY, |axis| {
-                        DQuat::from_rotation_arc(turn * axis, led.rotation * axis)
+                        DQuat::from_rotation_arc(turn * axis, interpolated_pose.rotation * axis)
                     });
                     let turn = (along * turn).normalize();
                     Pose {
-                        translation: led.translation + led.rotation * pivot - turn * pivot,
+                        translation: interpolated_pose.translation
+                            + interpolated_pose.rotation * pivot
+                            - turn * pivot,
                         rotation: turn,
                     }
                 }
-                _ => led,
+                _ => interpolated_pose,
             };
         }
         for (b, change) in self.changes.iter_mut().enumerate() {

@@ -465,7 +465,7 @@ fn rigid_regions_rotate_about_pins_and_follow_fixed_nodes() {
         node: v as u32,
         place: place(network.rest_positions[v]),
     });
-    body.set_attachments(&holds).unwrap();
+    body.set_node_constraints(&holds).unwrap();
     body.run(2, 0.01).unwrap();
     for (x, r) in body.positions().iter().zip(&network.rest_positions) {
         assert!(x.distance(place(*r)) < 1e-7, "{x}");
@@ -507,7 +507,7 @@ fn forces_on_rigid_region_act_as_force_and_torque() {
             stiffness: 1e9,
             limit: force.length(),
         };
-        let pulled = of(&|body| body.set_attachments(&[pull]).unwrap());
+        let pulled = of(&|body| body.set_node_constraints(&[pull]).unwrap());
         for (f, t) in [pushed, pulled] {
             assert!(
                 f.distance(force) < 1e-6 * force.length(),

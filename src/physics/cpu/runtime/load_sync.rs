@@ -48,25 +48,28 @@ pub(in crate::physics::cpu) fn full_load_update(loads: &Loads) -> LoadUpdate {
 /// Returns the tool targets, in metres.
 fn tools(loads: &Loads) -> Vec<ToolTarget> {
     let (frame, unit) = loads.frame_and_unit();
-    let metres = |pose: &ToolPose| ToolPose::new((pose.place() - frame.origin) * unit, pose.turn());
+    let metres =
+        |pose: &ToolPose| ToolPose::new((pose.position() - frame.origin) * unit, pose.rotation());
     let all = loads.tools().iter();
-    all.map(|(pose, jumps)| (metres(pose), *jumps)).collect()
+    all.map(|(pose, teleport_count)| (metres(pose), *teleport_count))
+        .collect()
 }
 
 /// Returns the constraints and springs of nodes from grabs and prescribed motions, in metres.
 fn node_constraints(loads: &Loads) -> Vec<NodeConstraint> {
     let (frame, unit) = loads.frame_and_unit();
     let metres = |p: DVec3| (p - frame.origin) * unit;
-    let led = loads.prescribed_motions().iter().flat_map(|led| {
-        led.iter()
+    let prescribed = loads.prescribed_motions().iter().flat_map(|motion| {
+        motion
+            .iter()
             .map(|(node, place, velocity)| NodeConstraint::Prescribed {
                 node,
                 place: metres(place),
                 velocity: velocity * unit,
             })
     });
-    let held = loads.grabs.iter().flat_map(|grab| grab.held());
-    let held = held.map(|GrabbedNode { node, place, grip }| match grip {
+    let grabbed = loads.grabs.iter().flat_map(|grab| grab.held());
+    let grabbed = grabbed.map(|GrabbedNode { node, place, grip }| match grip {
         GrabMode::Follow => NodeConstraint::Fixed {
             node,
             place: metres(place),
@@ -78,5 +81,5 @@ fn node_constraints(loads: &Loads) -> Vec<NodeConstraint> {
             limit,
         },
     });
-    led.chain(held).collect()
+    prescribed.chain(grabbed).collect()
 }

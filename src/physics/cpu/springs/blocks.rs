@@ -116,7 +116,7 @@ impl<T: Real> Block<T> {
 
     /// Computes the damping forces alone on nodes i.
     #[inline(always)]
-    pub fn resist(
+    pub fn subtract_damping_forces(
         &self,
         damping: [T; 2],
         axial: bool,

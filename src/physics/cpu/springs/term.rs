@@ -211,7 +211,7 @@ impl<T: Real> List<T> {
         sum * if both { 0.5 } else { 0.25 }
     }
 
-    fn resist(
+    fn subtract_damping_forces(
         &self,
         nodes: &Range<usize>,
         both: bool,
@@ -226,7 +226,7 @@ impl<T: Real> List<T> {
         for block in &self.blocks {
             block.differences(u, &mut e);
             block.differences(v, &mut w);
-            block.resist(damping, axial, &e, &w, &mut pull);
+            block.subtract_damping_forces(damping, axial, &e, &w, &mut pull);
             block.scatter(both, &pull, f);
             for (pull, w) in pull.iter().zip(&w) {
                 sum += (pull[0] * w[0] + pull[1] * w[1] + pull[2] * w[2]).to_f64();
@@ -342,7 +342,8 @@ impl<T: Real> Term<T> for Springs<T> {
             outer,
         } = &self.chunks[chunk];
         let how = (self.damping, self.kind == Damping::Axial);
-        inner.resist(nodes, true, how, at, f) + outer.resist(nodes, false, how, at, f)
+        inner.subtract_damping_forces(nodes, true, how, at, f)
+            + outer.subtract_damping_forces(nodes, false, how, at, f)
     }
 
     fn linearise(

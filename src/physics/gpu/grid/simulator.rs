@@ -192,6 +192,6 @@ impl Simulator for GpuGrid {
     }
 
     fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
-        self.body.stand_at(&pose.positions, &pose.normals)
+        self.body.place_particles(&pose.positions, &pose.normals)
     }
 }

@@ -80,7 +80,7 @@ impl GridBody {
     }
 
     /// Restores the positions and normals at the time of a cut.
-    pub(crate) fn stand_at(&mut self, texels: &[[f32; 4]], normals: &[u32]) -> Result<()> {
+    pub(crate) fn place_particles(&mut self, texels: &[[f32; 4]], normals: &[u32]) -> Result<()> {
         restore_array(&self.gpu, self.nodes.array(), texels)?;
         restore_array(&self.gpu, &self.normals, normals)?;
         Ok(())

@@ -101,8 +101,12 @@ impl GrabPasses {
         positions: &[Array; 3],
         external: &Array,
     ) -> Result<GrabPasses> {
-        let hold = positions.iter().map(|p| grabs.hold_pass(gpu, p));
-        let draw = positions.iter().map(|p| grabs.draw_pass(gpu, p, external));
+        let hold = positions
+            .iter()
+            .map(|p| grabs.prescribed_positions_pass(gpu, p));
+        let draw = positions
+            .iter()
+            .map(|p| grabs.grab_springs_pass(gpu, p, external));
         Ok(GrabPasses {
             hold: hold.collect::<Result<_>>()?,
             draw: draw.collect::<Result<_>>()?,
