@@ -3,7 +3,7 @@
 use super::PointResult;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
+use crate::physics::{Capability, Shape, SimulatorState, SolverKind, Tool, ToolId, ToolPose};
 use crate::press::curve::{self, PressSample};
 use crate::press::site::PressSite;
 use crate::press::{INITIAL_CLEARANCE, curve_warnings, make_quasi_static};
@@ -37,7 +37,8 @@ impl Bench<'_> {
         let kind = SolverKind::Implicit;
         let (mut motion, _) = Motion::new(self.gpu, self.scene, kind, self.mesh.clone(), None)?;
         let (_, high) = self.mesh.bounds();
-        let id = motion.simulator.add_tool(Tool {
+        let contact = Capability::Tools.require(motion.simulator.contact())?;
+        let id = contact.add_tool(Tool {
             shape: Shape::Sphere {
                 radius: self.radius,
             },
@@ -46,7 +47,8 @@ impl Bench<'_> {
             gap: None,
         })?;
         make_quasi_static(&mut motion);
-        let rest = motion.simulator.state()?;
+        let saved = motion.simulator.checkpoint();
+        let rest = Capability::Checkpoints.require(saved)?.state()?;
         Ok(Finger { motion, id, rest })
     }
 }
@@ -70,7 +72,8 @@ impl Finger {
         };
         let (id, dt) = (self.id, self.motion.dt);
         let body = self.motion.simulator.as_mut();
-        body.set_state(&self.rest)?;
+        let saved = Capability::Checkpoints.require(body.checkpoint_mut())?;
+        saved.set_state(&self.rest)?;
         let begin = -INITIAL_CLEARANCE * settings.radius;
         body.loads_mut().teleport_tool(id, at(begin))?;
         let mut samples = Vec::new();
@@ -81,7 +84,8 @@ impl Finger {
                 Err(Error::Solver { .. }) => return Ok(PointResult::Failed),
                 other => other?,
             };
-            let force = body
+            let contact = Capability::Tools.require(body.contact())?;
+            let force = contact
                 .tool_forces()?
                 .first()
                 .map_or(DVec3::ZERO, |on| on.force);

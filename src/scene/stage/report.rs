@@ -127,7 +127,7 @@ impl Stage {
     /// Returns the reaction of the body on each tool in the current state.
     ///
     /// # Errors
-    /// As [`Simulator::tool_forces`](crate::physics::Simulator::tool_forces).
+    /// As [`Contact::tool_forces`](crate::physics::Contact::tool_forces).
     fn tool_reports(&mut self) -> Result<Vec<ToolReport>> {
         let Some(motion) = self.motion_mut() else {
             return Ok(Vec::new());

@@ -1,7 +1,7 @@
 //! Tools of a stage that are moved interactively.
 
 use super::Stage;
-use crate::physics::{ToolId, ToolPose};
+use crate::physics::{Capability, ToolId, ToolPose};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -44,12 +44,13 @@ impl Stage {
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for an unknown tool; otherwise as
-    /// [`Simulator::tool_forces`].
+    /// [`Contact::tool_forces`].
     ///
-    /// [`Simulator::tool_forces`]: crate::physics::Simulator::tool_forces
+    /// [`Contact::tool_forces`]: crate::physics::Contact::tool_forces
     pub fn tool_force(&mut self, number: usize) -> Result<DVec3> {
         let motion = self.motion_mut().ok_or_else(|| no_tool(number))?;
-        let forces = motion.simulator.tool_forces()?;
+        let contact = motion.simulator.contact();
+        let forces = Capability::Tools.require(contact)?.tool_forces()?;
         let force = forces.get(number).map(|on| on.force);
         force.ok_or_else(|| Error::Input(format!("unknown tool {number} (counted from 0)")))
     }
