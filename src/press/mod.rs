@@ -391,7 +391,7 @@ impl Press {
 fn make_quasi_static(motion: &mut Motion) {
     let crossing = motion
         .simulator
-        .network()
+        .model()
         .and_then(DiscreteModel::wave_crossing_time);
     motion.dt = crossing.map_or(STEP, |time| STEP_IN_CROSSINGS * time);
 }

@@ -235,7 +235,7 @@ impl Motion {
 
     /// Returns the number of rigid bodies in the body.
     pub fn rigid_bodies(&self) -> usize {
-        let network = self.simulator.network();
+        let network = self.simulator.model();
         network.map_or(0, |n| n.elements.rigid.len())
     }
 

@@ -348,9 +348,9 @@ impl Scene {
             Some(_) => None,
             None => simulator.largest_stable_step(),
         };
-        let ratio = safe_step_ratio(simulator.network());
+        let ratio = safe_step_ratio(simulator.model());
         let dt = choose_step(self.solver.dt, limit, ratio, notes);
-        let held = simulator.network().zip(Some(simulator.loads().pinned()));
+        let held = simulator.model().zip(Some(simulator.loads().pinned()));
         let kind = simulator.integrator();
         let pull = self.default_load(kind, held, end, forces.as_deref(), dt, notes);
         simulator.loads_mut().set_gravity(pull.gravity);

@@ -96,7 +96,7 @@ impl Simulator for GpuTets {
         self.body.network.springs.iter().map(|s| s.nodes).collect()
     }
 
-    fn network(&self) -> Option<&DiscreteModel> {
+    fn model(&self) -> Option<&DiscreteModel> {
         Some(&self.body.network)
     }
 

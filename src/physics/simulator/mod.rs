@@ -65,7 +65,7 @@ pub trait Simulator: Send {
     fn spring_pairs(&self) -> Vec<[u32; 2]>;
 
     /// The discrete model of a tetrahedral body.
-    fn network(&self) -> Option<&DiscreteModel> {
+    fn model(&self) -> Option<&DiscreteModel> {
         None
     }
 

@@ -40,7 +40,7 @@ impl<M: BodyModel> Simulator for ThreadedSimulator<M> {
         self.model.spring_pairs()
     }
 
-    fn network(&self) -> Option<&DiscreteModel> {
+    fn model(&self) -> Option<&DiscreteModel> {
         self.model.discrete_model()
     }
 
