@@ -11,7 +11,7 @@ use glam::{DVec2, DVec3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use palpate::annotate::FrameTime;
 use palpate::mesh::{Blade, TetMesh};
-use palpate::physics::{BodyField, GrabId, GrabMode};
+use palpate::physics::{BodyField, Capability, GrabId, GrabMode};
 use palpate::press::{InteractiveStage, PressSession};
 use palpate::render::{Camera, Projection};
 use palpate::scene::FieldRanges;
@@ -325,7 +325,10 @@ impl Stage {
     }
 
     fn forces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let points = self.with(py, |stage| simulator(stage)?.forces())?;
+        let points = self.with(py, |stage| {
+            let forces = simulator(stage)?.reactions();
+            Capability::NodalForces.require(forces)?.nodal_forces()
+        })?;
         Ok(from_points(py, &points))
     }
 

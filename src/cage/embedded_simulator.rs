@@ -4,8 +4,8 @@ use super::{Cage, CageReport, Embedding};
 use crate::gpu::{Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::{
-    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, Loads, NodePositions,
-    NodeTerm, Report, Simulator, SimulatorState, SolverKind, StepProgress, TopologyChange,
+    CgSettings, Checkpointing, Engine, ForceBalance, GrabId, GrabMode, Loads, NodePositions,
+    NodeTerm, Report, Simulator, SolverKind, StepProgress, TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -213,23 +213,11 @@ impl Simulator for EmbeddedSimulator {
         self.inner.change_count()
     }
 
-    fn has_state(&self) -> bool {
-        self.inner.has_state()
+    fn checkpoint(&self) -> Option<&dyn Checkpointing> {
+        self.inner.checkpoint()
     }
 
-    fn state(&self) -> Result<SimulatorState> {
-        self.inner.state()
-    }
-
-    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
-        self.inner.set_state(state)
-    }
-
-    fn pose(&self) -> Result<ExactPositions> {
-        self.inner.pose()
-    }
-
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
-        self.inner.set_pose(pose)
+    fn checkpoint_mut(&mut self) -> Option<&mut dyn Checkpointing> {
+        self.inner.checkpoint_mut()
     }
 }

@@ -1,7 +1,7 @@
 //! Time series of meshes: ParaView `.pvd` files.
 
-use super::vtu_tags::{attribute, for_each_tag};
 use super::cursor::ParseResult;
+use super::vtu_tags::{attribute, for_each_tag};
 use super::vtu_write::{self, escaped};
 use crate::mesh::{Field, TetMesh};
 use crate::{Error, Result};

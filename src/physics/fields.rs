@@ -114,7 +114,7 @@ impl BodyField {
                 "{self} is not available for a mesh embedded in a cage, because only the cage is simulated; remove [cage], or show displacement, strain or J"
             )));
         }
-        match body.network() {
+        match body.model() {
             Some(network) if !network.elements.is_empty() => Ok(()),
             Some(_) => Err(Error::Input(format!(
                 "{self} is not available for a body of springs, which have no stress; use --material neo-hookean (or corotated), or show displacement, strain or J"
@@ -162,10 +162,10 @@ impl BodyField {
             lame.fold(0.0, f64::max)
         };
         let members = body.members().iter();
-        // There are members, or a network, or neither.
-        let networks = members.filter_map(|m| m.simulator.network());
+        // There are members, or a model, or neither.
+        let networks = members.filter_map(|m| m.simulator.model());
         let stiffness = networks
-            .chain(body.network())
+            .chain(body.model())
             .map(stiffest)
             .fold(0.0, f64::max);
         let strain = match body.engine() == Engine::Cpu && body.coarse_body().is_none() {
@@ -198,7 +198,7 @@ impl BodyField {
             let of_tet = |t: usize| self.of_deformation(&deformation(&mesh.tet_nodes(t), &now(t)));
             return Ok(parallel::map(mesh.tets.len(), of_tet));
         }
-        let Some(network) = body.network() else {
+        let Some(network) = body.model() else {
             return self.check(body).map(|()| Vec::new());
         };
         let metres: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();

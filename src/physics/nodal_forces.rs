@@ -1,6 +1,6 @@
 //! Reaction forces and moments on the supports of a body.
 
-use super::{GrabId, GrabMode, Reaction, Simulator};
+use super::{Capability, GrabId, GrabMode, Reaction, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -18,13 +18,14 @@ pub struct NodalForces {
 }
 
 impl NodalForces {
-    /// The forces of `body`, read back; see [`Simulator::forces`].
+    /// The forces of `body`, read back; see [`Reactions::nodal_forces`](super::Reactions::nodal_forces).
     ///
     /// # Errors
-    /// As [`Simulator::forces`].
+    /// As [`Reactions::nodal_forces`](super::Reactions::nodal_forces).
     pub fn of(body: &mut dyn Simulator) -> Result<NodalForces> {
         let unit = body.loads().frame_and_unit().1;
-        let forces = body.forces()?;
+        let forces = Capability::NodalForces.require(body.reactions())?;
+        let forces = forces.nodal_forces()?;
         let places: Vec<DVec3> = body.positions()?.iter().map(|p| *p * unit).collect();
         if forces.len() != places.len() {
             return Err(Error::Input(format!(

@@ -311,7 +311,7 @@ impl Contact {
 
 /// Returns the time step of `motion` at which inertia and damping are negligible, s.
 fn quasi_static_step(motion: &Motion) -> f64 {
-    let model = motion.simulator.network();
+    let model = motion.simulator.model();
     let crossing = model.and_then(DiscreteModel::wave_crossing_time);
     crossing.map_or(STEP, |time| STEP_IN_CROSSINGS * time)
 }
@@ -319,7 +319,7 @@ fn quasi_static_step(motion: &Motion) -> f64 {
 /// Returns Poisson's ratio of a tet at small strain; `None` for springs and rigid regions.
 fn poisson_of_tet(motion: &Motion, tet: u32) -> Option<f64> {
     let nodes = motion.simulator.mesh().tets.get(tet as usize)?;
-    let elements = &motion.simulator.network()?.elements;
+    let elements = &motion.simulator.model()?.elements;
     let element = elements.tets.iter().find(|e| e.nodes == *nodes)?;
     let [mu, lambda] = element.small_strain(elements.law);
     // Without the rounding of λ and μ.

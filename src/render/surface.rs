@@ -52,11 +52,7 @@ pub struct SurfaceTarget<'a> {
 
 impl SurfaceTarget<'_> {
     /// Begins a pass that draws into the target.
-    pub(crate) fn begin<'p>(
-        &self,
-        work: &'p mut Recorder,
-        label: &str,
-    ) -> wgpu::RenderPass<'p> {
+    pub(crate) fn begin<'p>(&self, work: &'p mut Recorder, label: &str) -> wgpu::RenderPass<'p> {
         let colour_load = match self.background {
             Some(c) => {
                 let [r, g, b, a] = c.map(f64::from);

@@ -154,6 +154,7 @@ impl Stage {
         let seen = &self.looks.scalars;
         let frame = self.looks.raycaster.geometry().frame();
         let transfer = self
+            .looks
             .surroundings
             .transfer
             .to_absolute(seen.range, frame.scale);
@@ -198,6 +199,7 @@ impl Stage {
         };
         let through = self.looks.mode == DisplayMode::Inside(Mode::Composite);
         let looks = self
+            .looks
             .scalars
             .regions
             .iter()

@@ -107,7 +107,7 @@ impl Scene {
                     Some(_) => None,
                     None => inner.largest_stable_step(),
                 };
-                let ratio = safe_step_ratio(inner.network());
+                let ratio = safe_step_ratio(inner.model());
                 choose_step(self.solver.dt, limit, ratio, notes)
             }
         };

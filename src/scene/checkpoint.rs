@@ -8,7 +8,7 @@
 use super::stage::{NodeSource, Stage};
 use super::{PlannedRun, Scene};
 use crate::mesh::{Blade, TetMesh};
-use crate::physics::{Engine, ExactPositions, GrabId, SimulatorState, StepProgress};
+use crate::physics::{Capability, Engine, ExactPositions, GrabId, SimulatorState, StepProgress};
 use crate::scene::sleep::Sleep;
 use crate::{Error, Result};
 use flate2::Crc;
@@ -232,7 +232,9 @@ impl Stage {
             progress: motion.progress,
             dt: motion.dt,
             found: self.looks.computed_field.as_ref().map(|s| s.observed_range),
-            simulator: motion.simulator.state()?,
+            simulator: Capability::Checkpoints
+                .require(motion.simulator.checkpoint())?
+                .state()?,
         })
     }
 
@@ -272,7 +274,10 @@ impl Stage {
             let edges: Vec<[DVec3; 2]> = cut.edges.iter().map(|e| e.map(DVec3::from)).collect();
             let blade = Blade::from_sweep(&edges)?;
             if let NodeSource::Simulated(motion) = &mut self.drive {
-                motion.simulator.set_pose(&cut.pose)?;
+                let saved = motion.simulator.checkpoint_mut();
+                Capability::Checkpoints
+                    .require(saved)?
+                    .set_pose(&cut.pose)?;
             }
             self.cut(&blade)?;
         }
@@ -292,7 +297,9 @@ impl Stage {
         for (attachment, (grab, done)) in attachments.zip(&checkpoint.attachments) {
             (attachment.grab, attachment.done) = (*grab, *done);
         }
-        motion.simulator.set_state(&checkpoint.simulator)?;
+        let saved = motion.simulator.checkpoint_mut();
+        let saved = Capability::Checkpoints.require(saved)?;
+        saved.set_state(&checkpoint.simulator)?;
         motion.sleep = checkpoint.sleep;
         motion.progress = checkpoint.progress;
         if let (Some(shown), Some(found)) = (&mut self.looks.computed_field, checkpoint.found) {
@@ -304,7 +311,10 @@ impl Stage {
 
     /// Returns the current exact positions, as recorded with a cut.
     pub(super) fn pose_now(&self) -> Result<Option<ExactPositions>> {
-        let motion = self.motion();
-        motion.map(|motion| motion.simulator.pose()).transpose()
+        let Some(motion) = self.motion() else {
+            return Ok(None);
+        };
+        let saved = Capability::Checkpoints.require(motion.simulator.checkpoint())?;
+        Ok(Some(saved.pose()?))
     }
 }

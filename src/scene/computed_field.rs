@@ -135,7 +135,8 @@ impl Stage {
     /// Recomputes the displayed field if it is a computed one and the nodes have moved. On the GPU
     /// this reads back the positions of the last submitted work.
     pub(super) fn refresh_field(&mut self) -> Result<()> {
-        let (Some(shown), NodeSource::Simulated(motion)) = (&mut self.looks.computed_field, &self.drive)
+        let (Some(shown), NodeSource::Simulated(motion)) =
+            (&mut self.looks.computed_field, &self.drive)
         else {
             return Ok(());
         };
@@ -156,15 +157,22 @@ impl Stage {
             self.looks.scalars.range = shown.range();
         }
         let geometry = self.looks.raycaster.geometry_mut();
-        geometry.set_scalars(body.mesh(), &self.looks.scalars.values, self.looks.scalars.range)?;
+        geometry.set_scalars(
+            body.mesh(),
+            &self.looks.scalars.values,
+            self.looks.scalars.range,
+        )?;
         self.looks.raycaster.update_range()?;
         let geometry = self.looks.raycaster.geometry();
-        self.looks.surface.set_scalars(geometry, &self.looks.scalars.values)
+        self.looks
+            .surface
+            .set_scalars(geometry, &self.looks.scalars.values)
     }
 
     /// Returns a note of the range of the computed field over the pictures so far.
     pub fn field_note(&self) -> Option<String> {
         let shown = self
+            .looks
             .computed_field
             .as_ref()
             .filter(|s| s.version.is_some())?;

@@ -89,7 +89,8 @@ impl Motion {
 
     /// Returns the reaction of the body on each tool by name: kinematic tools, then dynamic ones.
     pub(super) fn tool_reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
-        let tool_forces = self.simulator.tool_forces()?;
+        let contact = self.simulator.contact();
+        let tool_forces = contact.map_or(Ok(Vec::new()), |contact| contact.tool_forces())?;
         let names = self
             .time_dependent_loads
             .tools
@@ -100,7 +101,8 @@ impl Motion {
             let names = &self.simulator.mesh().region_names;
             let found = names.iter().find(|(_, own)| *own == name);
             if let Some(label) = found.map(|(label, _)| *label)
-                && let Some(force) = self.simulator.region_force(label)?
+                && let Some(forces) = self.simulator.reactions()
+                && let Some(force) = forces.region_force(label)?
             {
                 all.push((name.clone(), force));
             }
@@ -233,13 +235,13 @@ impl Motion {
 
     /// Returns the number of rigid bodies in the body.
     pub fn rigid_bodies(&self) -> usize {
-        let network = self.simulator.network();
+        let network = self.simulator.model();
         network.map_or(0, |n| n.elements.rigid.len())
     }
 
     /// Whether its runs can be resumed from checkpoints.
     pub fn has_state(&self) -> bool {
-        self.simulator.has_state()
+        self.simulator.checkpoint().is_some()
     }
 
     /// Returns the length unit of the mesh, in metres.

@@ -143,7 +143,7 @@ impl Stage {
     ///
     /// # Errors
     /// [`Error::Input`] for a static body or one without supports; otherwise as
-    /// [`Simulator::forces`](crate::physics::Simulator::forces).
+    /// [`Reactions::nodal_forces`](crate::physics::Reactions::nodal_forces).
     pub fn reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
         let time = self.time();
         let Some(motion) = self.motion_mut() else {

@@ -45,7 +45,7 @@ impl SimulatorSetup {
             "the stiffness of the body makes displacements too small for the single precision of the engine {engine} (estimated rounding error: {error:.2} of the loads)"
         );
         let chosen = scene.solver.engine.unwrap_or_default();
-        if chosen != EngineChoice::Auto || self.simulator.network().is_none() {
+        if chosen != EngineChoice::Auto || self.simulator.model().is_none() {
             return Err(Error::Input(format!("{what}; use --engine cpu")));
         }
         let mut moved = scene.clone();

@@ -9,8 +9,8 @@ use crate::mesh::TetMesh;
 use crate::number_format::significant;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
-    CgSettings, DiscreteModel, Engine, EngineChoice, Floor, Material, SelfContactSettings,
-    Simulator, SolverKind, largest_stable_step, safe_step_ratio,
+    Capability, CgSettings, DiscreteModel, Engine, EngineChoice, Floor, Material,
+    SelfContactSettings, Simulator, SolverKind, largest_stable_step, safe_step_ratio,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -309,10 +309,12 @@ impl Scene {
         let actors = TimeDependentLoads::new(self, simulator.as_mut(), notes)?;
         for entry in &self.joint {
             let joint = entry.joint(simulator.mesh())?;
-            simulator.add_joint(joint)?;
+            let joints = Capability::Joints.require(simulator.joints())?;
+            joints.add_joint(joint)?;
         }
         if let Some(entry) = &self.contact {
-            let through = simulator.set_self_contact(SelfContactSettings {
+            let contact = Capability::SelfContact.require(simulator.contact())?;
+            let through = contact.set_self_contact(SelfContactSettings {
                 friction: entry.friction.unwrap_or(0.0),
                 gap: entry.gap,
             })?;
@@ -346,9 +348,9 @@ impl Scene {
             Some(_) => None,
             None => simulator.largest_stable_step(),
         };
-        let ratio = safe_step_ratio(simulator.network());
+        let ratio = safe_step_ratio(simulator.model());
         let dt = choose_step(self.solver.dt, limit, ratio, notes);
-        let held = simulator.network().zip(Some(simulator.loads().pinned()));
+        let held = simulator.model().zip(Some(simulator.loads().pinned()));
         let kind = simulator.integrator();
         let pull = self.default_load(kind, held, end, forces.as_deref(), dt, notes);
         simulator.loads_mut().set_gravity(pull.gravity);

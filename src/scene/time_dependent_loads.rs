@@ -5,7 +5,9 @@ use super::tool::ToolTrajectory;
 use super::trajectory::{RigidTrajectory, second_difference, value_at};
 use super::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene, TimeSeries};
 use crate::mesh::{BoundaryFace, Location, TetMesh, Topology};
-use crate::physics::{AmplitudeId, Muscle, PrescribedMotionId, ScaledLoad, Simulator, SolverKind};
+use crate::physics::{
+    AmplitudeId, Capability, Muscle, PrescribedMotionId, ScaledLoad, Simulator, SolverKind,
+};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -53,14 +55,15 @@ impl TimeDependentLoads {
         for entry in &scene.pressure {
             let acting = entry.acting(body)?;
             entry.pressure.check("pressure")?;
-            actors
-                .levels
-                .push((body.add_scaled_load(acting)?, entry.pressure.clone()));
+            let loads = Capability::Pressure.require(body.scaled_loads())?;
+            let id = loads.add_scaled_load(acting)?;
+            actors.levels.push((id, entry.pressure.clone()));
         }
         for entry in &scene.muscle {
             let acting = entry.acting(body.mesh())?;
             entry.activation.check("activation")?;
-            let id = body.add_scaled_load(acting)?;
+            let loads = Capability::Muscles.require(body.scaled_loads())?;
+            let id = loads.add_scaled_load(acting)?;
             actors.levels.push((id, entry.activation.clone()));
         }
         // All amplitudes are checked here, before the first step.
@@ -69,8 +72,9 @@ impl TimeDependentLoads {
                 TimeSeries::Steady(value) => vec![*value],
                 TimeSeries::Keys(keys) => keys.iter().map(|key| key[1]).collect(),
             };
+            let loads = Capability::Pressure.require(body.scaled_loads())?;
             keys.iter()
-                .try_for_each(|value| body.set_amplitude(*id, *value))?;
+                .try_for_each(|value| loads.set_amplitude(*id, *value))?;
         }
         actors.apply(body, 0.0, 0.0)?;
         Ok(actors)
@@ -116,7 +120,8 @@ impl TimeDependentLoads {
             _ => time,
         };
         for (id, course) in &self.levels {
-            body.set_amplitude(*id, course.at(at))?;
+            let loads = Capability::Pressure.require(body.scaled_loads())?;
+            loads.set_amplitude(*id, course.at(at))?;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use super::{Scene, ToolEntry};
 use crate::mesh::{TetMesh, TriMesh};
 use crate::meshing::MeshingConfig;
 use crate::number_format::significant;
-use crate::physics::{DistanceField, Shape, Simulator, Tool, ToolId, ToolPose};
+use crate::physics::{Capability, DistanceField, Shape, Simulator, Tool, ToolId, ToolPose};
 use crate::skin::{Skin, SkinColouring};
 use crate::{Error, Result};
 use glam::{DQuat, DVec3};
@@ -82,7 +82,7 @@ impl ToolEntry {
                 significant(overlap.depth)
             )
         });
-        let id = body.add_tool(tool)?;
+        let id = Capability::Tools.require(body.contact())?.add_tool(tool)?;
         let guided = ToolTrajectory {
             name,
             id,

@@ -12,8 +12,8 @@ use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
 use crate::mesh::{Field, SurfaceDescription, TriMesh};
 use crate::physics::Simulator;
 use crate::render::{
-    Camera, CameraTransform, ClipPlanes, Image, ImageRegion, Sections, SurfaceTarget,
-    depth_target, downsampled, draw_in_tiles, local_positions,
+    Camera, CameraTransform, ClipPlanes, Image, ImageRegion, Sections, SurfaceTarget, depth_target,
+    downsampled, draw_in_tiles, local_positions,
 };
 use crate::skin::basis::VertexBinding;
 use crate::{Error, Result};

@@ -112,10 +112,12 @@ fn resumed_checkpoint_is_bitwise_identical() {
     let text = format!("{TWO}[contact]\nfriction = 0.5\n");
     let mut whole = stage(&text);
     whole.run(12, &mut |_| {}).unwrap();
-    let state = whole.motion().unwrap().simulator.state().unwrap();
+    let simulator = &whole.motion().unwrap().simulator;
+    let state = simulator.checkpoint().unwrap().state().unwrap();
     let mut resumed = stage(&text);
     let simulator = &mut resumed.motion_mut().unwrap().simulator;
-    simulator.set_state(&state).unwrap();
+    let saved = simulator.checkpoint_mut().unwrap();
+    saved.set_state(&state).unwrap();
     for stage in [&mut whole, &mut resumed] {
         stage.run(6, &mut |_| {}).unwrap();
     }

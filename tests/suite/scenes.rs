@@ -345,7 +345,7 @@ fn crossings(stage: &Stage, x: f64) -> usize {
     let (low, high) = (|p: DVec3| p.x < x - 1e-6, |p: DVec3| p.x > x + 1e-6);
     let simulator = &stage.motion().unwrap().simulator;
     let springs = simulator.spring_pairs();
-    if simulator.network().is_none() {
+    if simulator.model().is_none() {
         let places = springs
             .iter()
             .map(|ends| ends.map(|i| stage.mesh().nodes[i as usize]));

@@ -39,7 +39,7 @@ pub struct MultiBody {
     next_grab: u32,
 }
 
-/// The state of [`MultiBody`]: see [`Simulator::state`].
+/// The state of [`MultiBody`]: see [`Checkpointing::state`](crate::physics::Checkpointing::state).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BodiesState {
     members: Vec<SimulatorState>,

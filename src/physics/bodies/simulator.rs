@@ -6,9 +6,9 @@ use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::loads::force_balance::ForceSums;
 use crate::physics::loads::grab::unknown_grab_error as unknown_grab;
 use crate::physics::{
-    CgSettings, Energy, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, GrabbedNode, Loads,
-    Member, NodePositions, NodeTerm, Report, Simulator, SimulatorState, SolverKind, StepProgress,
-    StepRecord, TopologyChange,
+    Capability, CgSettings, Checkpointing, Energy, Engine, ExactPositions, ForceBalance, GrabId,
+    GrabMode, GrabbedNode, Loads, Member, NodePositions, NodeTerm, Reaction, Reactions, Report,
+    Simulator, SimulatorState, SolverKind, StepProgress, StepRecord, TopologyChange,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -126,18 +126,6 @@ impl Simulator for MultiBody {
 
     fn positions(&self) -> Result<Vec<DVec3>> {
         self.gather(|s| s.positions())
-    }
-
-    fn forces(&mut self) -> Result<Vec<DVec3>> {
-        self.sync_loads()?;
-        let mut all = vec![DVec3::ZERO; self.whole.mesh.nodes.len()];
-        for (member, places) in self.members.iter_mut().zip(&self.whole.node_map) {
-            let own = member.named(|s| s.forces())?;
-            for (v, own) in places.iter().zip(own) {
-                all[*v as usize] = own;
-            }
-        }
-        Ok(all)
     }
 
     fn held_by(&self, grab: GrabId) -> Result<Vec<GrabbedNode>> {
@@ -293,12 +281,51 @@ impl Simulator for MultiBody {
         each.fold(self.loads.version(), u64::wrapping_add)
     }
 
-    fn has_state(&self) -> bool {
-        self.members.iter().all(|m| m.simulator.has_state())
+    fn reactions(&mut self) -> Option<&mut dyn Reactions> {
+        Some(self)
     }
 
+    fn checkpoint(&self) -> Option<&dyn Checkpointing> {
+        let mut members = self.members.iter();
+        match members.all(|m| m.simulator.checkpoint().is_some()) {
+            true => Some(self),
+            false => None,
+        }
+    }
+
+    fn checkpoint_mut(&mut self) -> Option<&mut dyn Checkpointing> {
+        self.checkpoint()?;
+        Some(self)
+    }
+}
+
+impl Reactions for MultiBody {
+    fn nodal_forces(&mut self) -> Result<Vec<DVec3>> {
+        self.sync_loads()?;
+        let mut all = vec![DVec3::ZERO; self.whole.mesh.nodes.len()];
+        for (member, places) in self.members.iter_mut().zip(&self.whole.node_map) {
+            let own = member.named(|s| {
+                let forces = Capability::NodalForces.require(s.reactions())?;
+                forces.nodal_forces()
+            })?;
+            for (v, own) in places.iter().zip(own) {
+                all[*v as usize] = own;
+            }
+        }
+        Ok(all)
+    }
+
+    fn region_force(&mut self, _: i64) -> Result<Option<Reaction>> {
+        Ok(None)
+    }
+}
+
+impl Checkpointing for MultiBody {
     fn state(&self) -> Result<SimulatorState> {
-        let members = self.members.iter().map(|m| m.simulator.state());
+        let members = self.members.iter().map(|m| {
+            let saved = m.simulator.checkpoint();
+            Capability::Checkpoints.require(saved)?.state()
+        });
         Ok(SimulatorState::new(BodiesState {
             members: members.collect::<Result<_>>()?,
             loads: self.loads.state(),
@@ -326,7 +353,10 @@ impl Simulator for MultiBody {
         }
         self.loads.set_state(&state.loads)?;
         for (member, state) in self.members.iter_mut().zip(&state.members) {
-            member.named(|s| s.set_state(state))?;
+            member.named(|s| {
+                let saved = s.checkpoint_mut();
+                Capability::Checkpoints.require(saved)?.set_state(state)
+            })?;
         }
         self.synced_loads = state.handed;
         self.gravity = state.gravity.into();
@@ -337,7 +367,10 @@ impl Simulator for MultiBody {
     }
 
     fn pose(&self) -> Result<ExactPositions> {
-        let parts = self.members.iter().map(|m| m.simulator.pose());
+        let parts = self.members.iter().map(|m| {
+            let saved = m.simulator.checkpoint();
+            Capability::Checkpoints.require(saved)?.pose()
+        });
         Ok(ExactPositions {
             parts: parts.collect::<Result<_>>()?,
             ..ExactPositions::default()
@@ -351,7 +384,12 @@ impl Simulator for MultiBody {
             ));
         }
         let mut each = self.members.iter_mut().zip(&pose.parts);
-        each.try_for_each(|(m, pose)| m.named(|s| s.set_pose(pose)))
+        each.try_for_each(|(m, pose)| {
+            m.named(|s| {
+                let saved = s.checkpoint_mut();
+                Capability::Checkpoints.require(saved)?.set_pose(pose)
+            })
+        })
     }
 }
 

@@ -6,10 +6,10 @@ use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::cpu::check_contact;
 use crate::physics::loads::force_balance::balance_of_model;
 use crate::physics::{
-    BodyState, CgSettings, DiscreteModel, Engine, ExactPositions, ForceBalance, GpuBody, GrabId,
-    GrabMode, ImplicitEuler, Loads, Material, NodePositions, NodeTerm, Reaction, Report, Simulator,
-    SimulatorState, Solver, SolverKind, SolverState, StepProgress, Tool, ToolId, TopologyChange,
-    largest_stable_step, limit_with_terms,
+    BodyState, CgSettings, Checkpointing, Contact, DiscreteModel, Engine, ExactPositions,
+    ForceBalance, GpuBody, GrabId, GrabMode, ImplicitEuler, Loads, Material, NodePositions,
+    NodeTerm, Reaction, Report, Simulator, SimulatorState, Solver, SolverKind, SolverState,
+    StepProgress, Tool, ToolId, TopologyChange, largest_stable_step, limit_with_terms,
 };
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -96,7 +96,7 @@ impl Simulator for GpuTets {
         self.body.network.springs.iter().map(|s| s.nodes).collect()
     }
 
-    fn network(&self) -> Option<&DiscreteModel> {
+    fn model(&self) -> Option<&DiscreteModel> {
         Some(&self.body.network)
     }
 
@@ -115,26 +115,6 @@ impl Simulator for GpuTets {
 
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         self.body.add_term(term)
-    }
-
-    fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
-        tool.check()?;
-        check_contact("tools", self.body.network(), self.integrator())?;
-        self.body.check_tools()?;
-        let id = self.body.loads_mut().add_tool(tool.pose);
-        self.tools.push(tool);
-        let faces = self.topology.boundary_triangles(&self.mesh);
-        self.body.set_tools(&self.tools, &faces)?;
-        Ok(id)
-    }
-
-    fn tools(&self) -> &[Tool] {
-        &self.tools
-    }
-
-    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
-        self.finish()?;
-        self.body.tool_forces(self.dt)
     }
 
     fn largest_stable_step(&self) -> Option<f64> {
@@ -255,6 +235,42 @@ impl Simulator for GpuTets {
         self.body.change_count()
     }
 
+    fn contact(&mut self) -> Option<&mut dyn Contact> {
+        Some(self)
+    }
+
+    fn checkpoint(&self) -> Option<&dyn Checkpointing> {
+        Some(self)
+    }
+
+    fn checkpoint_mut(&mut self) -> Option<&mut dyn Checkpointing> {
+        Some(self)
+    }
+}
+
+impl Contact for GpuTets {
+    fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
+        tool.check()?;
+        check_contact("tools", self.body.network(), self.integrator())?;
+        self.body.check_tools()?;
+        let id = self.body.loads_mut().add_tool(tool.pose);
+        self.tools.push(tool);
+        let faces = self.topology.boundary_triangles(&self.mesh);
+        self.body.set_tools(&self.tools, &faces)?;
+        Ok(id)
+    }
+
+    fn tools(&self) -> &[Tool] {
+        &self.tools
+    }
+
+    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
+        self.finish()?;
+        self.body.tool_forces(self.dt)
+    }
+}
+
+impl Checkpointing for GpuTets {
     fn state(&self) -> Result<SimulatorState> {
         Ok(SimulatorState::new(TetState {
             body: self.body.state()?,

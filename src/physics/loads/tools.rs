@@ -6,7 +6,7 @@ use crate::{Error, Result};
 
 impl Loads {
     /// Adds a tool in a pose. The engine must support tools:
-    /// [`Simulator::add_tool`](crate::physics::Simulator::add_tool).
+    /// [`Contact::add_tool`](crate::physics::Contact::add_tool).
     pub(in crate::physics) fn add_tool(&mut self, pose: ToolPose) -> ToolId {
         self.tools.push((pose, 0));
         self.versions.tools += 1;

@@ -167,8 +167,8 @@ impl BodyModel for RapierModel {
 impl Contact for RapierTets {
     fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
         tool.check()?;
-        let place = self.model.network.to_metres(tool.pose.place());
-        let place = ToolPose::new(place, tool.pose.turn());
+        let place = self.model.network.to_metres(tool.pose.position());
+        let place = ToolPose::new(place, tool.pose.rotation());
         self.worker.body().add_tool(&tool, place)?;
         let id = self.loads.add_tool(tool.pose);
         self.model.tools.push(tool);

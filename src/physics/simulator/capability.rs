@@ -1,6 +1,6 @@
 //! Capabilities that only some bodies have.
 
-use crate::Error;
+use crate::{Error, Result};
 
 /// A capability that only some bodies have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +24,15 @@ pub enum Capability {
 }
 
 impl Capability {
+    /// Returns the answer of a simulator that was asked for the capability, such as that of
+    /// [`Simulator::contact`](crate::physics::Simulator::contact).
+    ///
+    /// # Errors
+    /// [`Capability::unsupported`] if the body does not have it.
+    pub fn require<T>(self, found: Option<T>) -> Result<T> {
+        found.ok_or_else(|| self.unsupported())
+    }
+
     /// Returns the error for a body without the capability; it names the engine that has it.
     pub fn unsupported(self) -> Error {
         let subject = match self {

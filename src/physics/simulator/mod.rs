@@ -15,9 +15,9 @@ pub(super) mod state;
 pub(super) mod time_step;
 
 use super::{
-    AmplitudeId, CgSettings, DiscreteModel, Engine, ForceBalance, GrabId, GrabMode, GrabbedNode,
-    Joint, Loads, Member, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report,
-    ScaledLoad, SelfContactSettings, SimulatorState, SolverKind, StepProgress, Tool, ToolId,
+    Capability, CgSettings, Checkpointing, Contact, DiscreteModel, Engine, ForceBalance, GrabId,
+    GrabMode, GrabbedNode, Joints, Loads, Member, NodePositions, NodeTerm, PrescribedMotionId,
+    Reactions, Report, ScaledLoads, SolverKind, StepProgress,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -38,6 +38,9 @@ pub type StepCallback = Arc<dyn Fn() + Send + Sync>;
 /// a step fails, the remaining steps are dropped and the body keeps the state before that step (a
 /// grid body: at most 256 steps earlier), which can still be read and drawn; changing state, loads
 /// or pins clears the failure. Changed loads take effect with later steps.
+///
+/// Capabilities that only some bodies have are traits of their own, such as [`Contact`], given by
+/// methods such as [`Simulator::contact`]. [`Capability::require`] makes an error of a missing one.
 ///
 /// To draw the body, use [`Simulator::nodes`] after [`Simulator::update_nodes`]; their version
 /// shows whether they have moved. A grid body on the GPU may be drawn before its last steps are
@@ -62,7 +65,7 @@ pub trait Simulator: Send {
     fn spring_pairs(&self) -> Vec<[u32; 2]>;
 
     /// The discrete model of a tetrahedral body.
-    fn network(&self) -> Option<&DiscreteModel> {
+    fn model(&self) -> Option<&DiscreteModel> {
         None
     }
 
@@ -80,103 +83,15 @@ pub trait Simulator: Send {
         Err(unsupported_term(&*term))
     }
 
-    /// Adds a pressure or a muscle, with amplitude 0 until [`Simulator::set_amplitude`].
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the load is invalid for this body, or the body is not a tetrahedral body
-    /// on the CPU.
-    fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
-        Err(cpu_only_error(match acting {
-            ScaledLoad::Pressure(_) => "pressure is",
-            ScaledLoad::Muscle(_) => "muscles are",
-        }))
-    }
-
-    /// Sets the amplitude of a pressure, Pa, or of a muscle, from 0 to 1; takes effect with the
-    /// next step.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the amplitude is out of range or `id` is unknown.
-    fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
-        Err(Error::Input(format!(
-            "cannot set amplitude {id:?} to {level}: this body has no pressure or muscle"
-        )))
-    }
-
-    /// Adds a tool that presses on the body's boundary. [`Loads::set_tool_target`] moves it.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the tool is invalid, or the body is not one of finite elements on the
-    /// CPU, stepped by `implicit` or `bdf2`.
-    fn add_tool(&mut self, _: Tool) -> Result<ToolId> {
-        Err(cpu_only_error("tools are"))
-    }
-
-    /// The tools, in the order of their addition.
-    fn tools(&self) -> &[Tool] {
-        &[]
-    }
-
-    /// Enables self-contact: between parts of the boundary, and within its folds. Returns the
-    /// number of boundary faces that intersect others, or belong to parts inside others, in the
-    /// present configuration; these are gradually separated and exert no contact forces until they
-    /// are free.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if a setting is out of range, or the body is not one of finite elements on
-    /// the CPU, stepped by `implicit` or `bdf2`.
-    fn set_self_contact(&mut self, _: SelfContactSettings) -> Result<usize> {
-        Err(cpu_only_error("self-contact is"))
-    }
-
-    /// The settings of self-contact, if enabled.
-    fn self_contact(&self) -> Option<SelfContactSettings> {
-        None
-    }
-
-    /// Adds a joint between two rigid regions, or from one to the world, in the rest configuration.
-    /// Joined regions do not collide with each other.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the joint is invalid, a region is not rigid, or the body is not stepped
-    /// by rapier.
-    fn add_joint(&mut self, _: Joint) -> Result<()> {
-        Err(Error::Input(
-            "joints are supported by rapier only; use --engine rapier (a build with the feature `rapier`), or remove [[joint]]".into(),
-        ))
-    }
-
-    /// Returns the reaction on each tool in the present configuration: the force, and its moment
-    /// about the origin of the tool's shape. Waits for requested steps.
-    ///
-    /// # Errors
-    /// As [`Simulator::finish`].
-    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
-        Ok(Vec::new())
-    }
-
-    /// Returns the force that the rest of the body exerts on the rigid region with this label in
-    /// the present configuration, by contact and by the soft tissue around it, and its moment about
-    /// the region's centre of mass. `None` if there is no such region, or the body is on the GPU.
-    /// Waits for requested steps.
-    ///
-    /// # Errors
-    /// As [`Simulator::finish`].
-    fn region_force(&mut self, _: i64) -> Result<Option<Reaction>> {
-        Ok(None)
-    }
-
     /// Prescribes the motion of nodes of the mesh from now on: [`Loads::set_prescribed_motion`]
     /// sets their positions, whatever the forces on them.
     ///
     /// # Errors
-    /// [`Error::Input`] if a node does not exist or is already constrained, or the body is not a
-    /// tetrahedral body on the CPU.
+    /// [`Error::Input`] if a node does not exist or is already constrained, or the body does not
+    /// support prescribed motion.
     fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
-        Err(cpu_only_error(match nodes.len() {
-            1 => "prescribed motion of a node is",
-            _ => "prescribed motion of nodes is",
-        }))
+        let _ = nodes;
+        Err(Capability::PrescribedMotion.unsupported())
     }
 
     /// The largest stable step of its scheme at rest, s; `None` if any step is stable.
@@ -246,20 +161,6 @@ pub trait Simulator: Send {
     /// Errors of reading back.
     fn normals(&mut self) -> Result<Option<(Array, Vec<u32>)>> {
         Ok(None)
-    }
-
-    /// Returns the force on every node of the mesh in the present configuration, N: of the
-    /// material, damping, node terms and loads, without constraint forces; on constrained nodes it
-    /// is therefore the force on the support. Computed on request, after the requested steps. NaN
-    /// on nodes of rigid regions, where only the sum is known.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for bodies whose forces are known to the GPU only, grids, and meshes
-    /// embedded in a cage.
-    fn forces(&mut self) -> Result<Vec<DVec3>> {
-        Err(Error::Input(
-            "nodal forces are available for a tet body on the CPU only; use --engine cpu, without [grid] or [cage]".into(),
-        ))
     }
 
     /// The nodes held by a grab, by the mesh's node numbers.
@@ -387,42 +288,44 @@ pub trait Simulator: Send {
         Ok(None)
     }
 
+    /// Contact with tools and itself, of tetrahedral bodies of finite elements: on the CPU, by
+    /// rapier, and, of tools only, on the GPU; `None` for other bodies.
+    fn contact(&mut self) -> Option<&mut dyn Contact> {
+        None
+    }
+
+    /// Forces on nodes and rigid regions, of tetrahedral bodies on the CPU or by rapier, and of
+    /// several bodies that all have them; `None` for other bodies.
+    fn reactions(&mut self) -> Option<&mut dyn Reactions> {
+        None
+    }
+
+    /// Pressures and muscles, of tetrahedral bodies on the CPU; `None` for other bodies.
+    fn scaled_loads(&mut self) -> Option<&mut dyn ScaledLoads> {
+        None
+    }
+
+    /// Joints between rigid regions, of bodies stepped by rapier; `None` for other bodies.
+    fn joints(&mut self) -> Option<&mut dyn Joints> {
+        None
+    }
+
+    /// Saving and restoring of states, of bodies on the CPU and the GPU; `None` for bodies stepped
+    /// by rapier, and several bodies with one of them.
+    fn checkpoint(&self) -> Option<&dyn Checkpointing> {
+        None
+    }
+
+    /// As [`Simulator::checkpoint`], to restore states.
+    fn checkpoint_mut(&mut self) -> Option<&mut dyn Checkpointing> {
+        None
+    }
+
     /// Root mean square speed after the last step known, in body sizes per second.
     fn rms_speed(&self) -> f64;
 
     /// Version number that increases with every change from outside: state, loads or topology.
     fn change_count(&self) -> u64;
-
-    /// Whether it supports [`Simulator::state`] and [`Simulator::pose`].
-    fn has_state(&self) -> bool {
-        true
-    }
-
-    /// Reads back everything that its next steps depend on, after the steps of
-    /// [`Simulator::finish`]; of its topology only what identifies it.
-    ///
-    /// # Errors
-    /// Errors of reading back; [`Error::Input`] unless [`Simulator::has_state`].
-    fn state(&self) -> Result<SimulatorState>;
-
-    /// Restores a state from [`Simulator::state`] of this simulator, or of one created and cut in
-    /// the same manner: the following steps are identical.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the state is of another simulator.
-    fn set_state(&mut self, state: &SimulatorState) -> Result<()>;
-
-    /// The exact positions (bitwise), as a cut finds them.
-    ///
-    /// # Errors
-    /// Errors of reading back.
-    fn pose(&self) -> Result<ExactPositions>;
-
-    /// Sets the exact positions at the time of a cut, without velocities.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the positions are of another body.
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()>;
 }
 
 /// Returns the error for an energy term on a grid body.
@@ -430,12 +333,6 @@ pub(in crate::physics) fn unsupported_term(term: &dyn NodeTerm) -> Error {
     Error::Input(format!(
         "a grid body does not support the term \"{}\", only springs; simulate tets",
         term.name()
-    ))
-}
-
-fn cpu_only_error(what: &str) -> Error {
-    Error::Input(format!(
-        "{what} supported for a tet body on the CPU only; use --engine cpu, without [grid] or [cage], and one body in the scene"
     ))
 }
 

@@ -5,7 +5,7 @@ use std::any::Any;
 use std::fmt;
 
 /// The state of a [`Simulator`](super::Simulator): see
-/// [`Simulator::state`](super::Simulator::state).
+/// [`Checkpointing::state`](super::checkpoint::Checkpointing::state).
 ///
 /// It holds the state type of one engine. Checkpoints store it with a number for that type.
 pub struct SimulatorState(Box<dyn EngineState>);

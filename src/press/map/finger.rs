@@ -3,7 +3,7 @@
 use super::PointResult;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
-use crate::physics::{SimulatorState, SolverKind};
+use crate::physics::{Capability, SimulatorState, SolverKind};
 use crate::press::curve::{self, PressConditions};
 use crate::press::curve_warnings;
 use crate::press::session::{INITIAL_CLEARANCE, PressSession};
@@ -30,8 +30,9 @@ impl Bench {
         let kind = SolverKind::Implicit;
         let scene = &self.setup.scene;
         let (motion, _) = Motion::new(gpu, scene, kind, self.mesh.clone(), None)?;
+        let saved = Capability::Checkpoints.require(motion.simulator.checkpoint())?;
         Ok(Finger {
-            rest: motion.simulator.state()?,
+            rest: saved.state()?,
             session: PressSession::new(self.setup.clone(), &motion),
             motion,
             bench: self,
@@ -54,7 +55,10 @@ impl Finger<'_> {
     /// Errors of the engine; a press with a failed step is [`PointResult::Failed`].
     pub fn press(&mut self, site: PressSite) -> Result<PointResult> {
         let (depth, begin) = (self.bench.depth, -INITIAL_CLEARANCE * self.session.radius());
-        self.motion.simulator.set_state(&self.rest)?;
+        let saved = self.motion.simulator.checkpoint_mut();
+        Capability::Checkpoints
+            .require(saved)?
+            .set_state(&self.rest)?;
         self.session
             .touch_site(&mut self.motion, &self.bench.boundary, site)?;
         for step in 1..=STEPS {

@@ -1,7 +1,8 @@
 //! Cuts of a stage's body.
 
-use super::{DisplayMode, NodeSource, Stage};
+use super::{NodeSource, Stage};
 use crate::mesh::Blade;
+use crate::scene::picture::DisplayMode;
 use crate::scene::skin::carrier;
 use crate::skin::{Skin, SkinColouring};
 use crate::{Error, Result};
@@ -52,7 +53,8 @@ impl Stage {
                 self.looks.raycaster.set_regions(looks.as_ref())?;
             }
             self.looks.raycaster.follow_scans(mesh)?;
-            self.looks.surface
+            self.looks
+                .surface
                 .follow(self.looks.raycaster.geometry(), &self.looks.scalars.values)?;
         }
         let hit = !change.is_empty();

@@ -1,8 +1,10 @@
 //! Rendering of a stage in the current configuration, with a cached frame.
 
-use super::{DisplayMode, NodeSource, Stage, ToolSkin};
+use super::{NodeSource, Stage};
 use crate::gpu::{PendingReadback, Recorder};
 use crate::render::{Camera, Image, Mode, Pick, SurfaceTarget, Target};
+use crate::scene::picture::DisplayMode;
+use crate::scene::tool_skin::ToolSkin;
 use crate::{Error, Result};
 use glam::DVec2;
 
@@ -28,7 +30,7 @@ impl PendingImage {
     pub fn try_take(&mut self) -> Result<Option<Image>> {
         let pixels = self.pixels.try_take()?;
         Ok(pixels.map(|pixels| Image {
-            size: self.looks.size,
+            size: self.size,
             channels: 4,
             values: pixels
                 .iter()
@@ -72,7 +74,9 @@ impl Stage {
         self.publish_now()?;
         let geometry = self.looks.raycaster.geometry();
         match self.drive.nodes().put() {
-            Some(positions) => geometry.pick_positions(&positions, &self.looks.camera, pixel, self.looks.size),
+            Some(positions) => {
+                geometry.pick_positions(&positions, &self.looks.camera, pixel, self.looks.size)
+            }
             None => geometry.pick(&self.looks.camera, pixel, self.looks.size),
         }
     }
@@ -124,7 +128,9 @@ impl Stage {
             DisplayMode::Inside(Mode::Composite) if !bare => {
                 let inside = Some(&mut self.looks.raycaster);
                 let all = self.looks.skins.iter_mut().chain(tools);
-                self.looks.composer.image(all, inside, &self.looks.camera, self.looks.size)
+                self.looks
+                    .composer
+                    .image(all, inside, &self.looks.camera, self.looks.size)
             }
             DisplayMode::Inside(mode) => {
                 let fine = self.looks.size.map(|n| n.saturating_mul(samples));
@@ -137,16 +143,24 @@ impl Stage {
             DisplayMode::Surface if shows || tools.len() > 0 => {
                 let surface = (&mut self.looks.surface, tools);
                 let inside = shows.then_some(&mut self.looks.raycaster);
-                self.looks.composer
-                    .boundary_image(surface, inside, &self.looks.camera, self.looks.size)
+                self.looks.composer.boundary_image(
+                    surface,
+                    inside,
+                    &self.looks.camera,
+                    self.looks.size,
+                )
             }
             DisplayMode::Surface => {
                 let camera = &self.looks.camera;
-                self.looks.surface.image_of_samples(camera, self.looks.size, samples)
+                self.looks
+                    .surface
+                    .image_of_samples(camera, self.looks.size, samples)
             }
             DisplayMode::Skin => {
                 let all = self.looks.skins.iter_mut().chain(tools);
-                self.looks.composer.image(all, None, &self.looks.camera, self.looks.size)
+                self.looks
+                    .composer
+                    .image(all, None, &self.looks.camera, self.looks.size)
             }
         }
     }
@@ -193,13 +207,16 @@ impl Stage {
             DisplayMode::Inside(Mode::Composite) if !bare => {
                 let inside = Some(&mut self.looks.raycaster);
                 let all = self.looks.skins.iter_mut().chain(tools);
-                self.looks.composer.record(work, all, inside, camera, &target)
+                self.looks
+                    .composer
+                    .record(work, all, inside, camera, &target)
             }
             DisplayMode::Inside(mode) => self.looks.raycaster.record(work, camera, mode, &target),
             DisplayMode::Surface => {
                 let surface = (&mut self.looks.surface, tools);
                 let inside = shows.then_some(&mut self.looks.raycaster);
-                self.looks.composer
+                self.looks
+                    .composer
                     .record_boundary(work, surface, inside, camera, &target)
             }
         }

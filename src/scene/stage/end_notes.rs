@@ -37,11 +37,14 @@ impl Stage {
         if tools.is_empty() {
             return Ok(Vec::new());
         }
-        let forces = motion.simulator.tool_forces()?;
+        let Some(contact) = motion.simulator.contact() else {
+            return Ok(Vec::new());
+        };
+        let (forces, shapes) = (contact.tool_forces()?, contact.tools().to_vec());
         let body = &motion.simulator;
         let (mesh, x) = ((body.mesh(), body.topology()), body.positions()?);
         let mut notes = Vec::new();
-        for ((guided, tool), on) in tools.iter().zip(body.tools()).zip(forces) {
+        for ((guided, tool), on) in tools.iter().zip(&shapes).zip(forces) {
             let pose = body.loads().tool(guided.id)?;
             let touches = on.force != DVec3::ZERO;
             let state = (x.as_slice(), body.loads().pinned());

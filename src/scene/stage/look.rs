@@ -1,10 +1,11 @@
 //! Changes of a stage's appearance: everything at once, or planes, sections and transfer function.
 
-use super::{DisplayMode, Stage};
+use super::Stage;
 use crate::Result;
 use crate::render::{AbsoluteTransferFunction, Mode, Sections, TransferFunction};
 use crate::scene::Scene;
 use crate::scene::appearance::SceneAppearance;
+use crate::scene::picture::DisplayMode;
 
 impl Stage {
     /// Applies the appearance in `scene` to the body in its current configuration: picture, light,
@@ -83,11 +84,15 @@ impl Stage {
     fn set_body_inside(&mut self, inside: &Sections) -> Result<()> {
         if inside.needs_rest_positions() && !self.looks.raycaster.inside().needs_rest_positions() {
             let mesh = self.drive.mesh();
-            self.looks.raycaster.geometry_mut().store_rest_positions(mesh)?;
+            self.looks
+                .raycaster
+                .geometry_mut()
+                .store_rest_positions(mesh)?;
         }
         self.looks.raycaster.set_sections(inside)?;
         if self.looks.mode == DisplayMode::Surface {
-            self.looks.surface
+            self.looks
+                .surface
                 .set_sections(inside, self.looks.raycaster.geometry())?;
         }
         for skin in &mut self.looks.skins {

@@ -87,13 +87,10 @@ impl Stage {
             let (low, high) = field.range;
             scene.picture.range = Some([low, high]).filter(|_| low < high);
         }
-        let stage = Stage::with_mesh(&self.gpu, &scene, mesh)?;
-        *self = Stage {
-            camera: self.looks.camera,
-            size: self.looks.size,
-            backdrop: self.backdrop,
-            ..stage
-        };
+        let mut stage = Stage::with_mesh(&self.gpu, &scene, mesh)?;
+        (stage.looks.camera, stage.looks.size) = (self.looks.camera, self.looks.size);
+        stage.backdrop = self.backdrop;
+        *self = stage;
         Ok(false)
     }
 
@@ -148,6 +145,8 @@ impl Stage {
         geometry.set_scalars(self.drive.mesh(), self.looks.scalars.scalars(), range)?;
         self.looks.raycaster.update_range()?;
         let geometry = self.looks.raycaster.geometry();
-        self.looks.surface.set_scalars(geometry, &self.looks.scalars.values)
+        self.looks
+            .surface
+            .set_scalars(geometry, &self.looks.scalars.values)
     }
 }

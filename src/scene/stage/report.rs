@@ -110,7 +110,7 @@ impl Stage {
     /// Returns the reaction of the body on each tool in the current state.
     ///
     /// # Errors
-    /// As [`Simulator::tool_forces`](crate::physics::Simulator::tool_forces).
+    /// As [`Contact::tool_forces`](crate::physics::Contact::tool_forces).
     fn tool_reports(&mut self) -> Result<Vec<ToolReport>> {
         let Some(motion) = self.motion_mut() else {
             return Ok(Vec::new());
@@ -135,7 +135,10 @@ impl Stage {
         let [pictures_drawn, pictures_kept] = self.pictures;
         let state = self.motion().map(Motion::report).transpose()?;
         let tools = self.tool_reports()?;
-        let picture = self.looks.raycaster.report(&self.looks.camera, self.looks.size)?;
+        let picture = self
+            .looks
+            .raycaster
+            .report(&self.looks.camera, self.looks.size)?;
         let cg = self.motion().and_then(|m| m.progress()).and_then(|p| {
             (p.last.iterations > 0).then_some(CgReport {
                 iterations: p.last.iterations,

@@ -1,7 +1,7 @@
 //! Tools of a stage that are moved interactively.
 
 use super::Stage;
-use crate::physics::{ToolId, ToolPose};
+use crate::physics::{Capability, ToolId, ToolPose};
 use crate::scene::Motion;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -31,7 +31,7 @@ impl Motion {
         let tools = &self.time_dependent_loads.tools;
         let tool = tools.get(number).filter(|t| !t.moves());
         let id = tool.ok_or_else(|| no_tool(number))?.id;
-        let turn = self.simulator.loads().tool(id)?.turn();
+        let turn = self.simulator.loads().tool(id)?.rotation();
         Ok((id, ToolPose::new(place, turn)))
     }
 
@@ -39,11 +39,12 @@ impl Motion {
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for an unknown tool; otherwise as
-    /// [`Simulator::tool_forces`].
+    /// [`Contact::tool_forces`].
     ///
-    /// [`Simulator::tool_forces`]: crate::physics::Simulator::tool_forces
+    /// [`Contact::tool_forces`]: crate::physics::Contact::tool_forces
     pub fn tool_force(&mut self, number: usize) -> Result<DVec3> {
-        let forces = self.simulator.tool_forces()?;
+        let contact = self.simulator.contact();
+        let forces = Capability::Tools.require(contact)?.tool_forces()?;
         let force = forces.get(number).map(|on| on.force);
         force.ok_or_else(|| Error::Input(format!("unknown tool {number} (counted from 0)")))
     }

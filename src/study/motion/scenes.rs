@@ -253,7 +253,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     let (motion, _) = Motion::new(gpu, &scene, kind, mesh, None)?;
     let duration = motion.dt * f64::from(scene.solver.steps.unwrap_or(50).max(1));
     let simulator = motion.simulator;
-    let Some(network) = simulator.network() else {
+    let Some(network) = simulator.model() else {
         return Err(refused("cages"));
     };
     if !network.elements.rigid.is_empty() {

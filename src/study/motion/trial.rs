@@ -101,7 +101,7 @@ impl MotionTrial {
         simulator: Box<dyn Simulator>,
         start: Option<MotionState>,
     ) -> Result<MotionTrial> {
-        let Some(network) = simulator.network() else {
+        let Some(network) = simulator.model() else {
             return Err(Error::Input(format!(
                 "{name}: the motion study needs a body with springs or elements"
             )));
@@ -173,7 +173,7 @@ impl MotionTrial {
 
     /// Returns the solvers that support it.
     pub fn kinds(&self) -> Vec<SolverKind> {
-        match self.simulator.network() {
+        match self.simulator.model() {
             Some(network) => {
                 let mut kinds = SolverKind::ALL.to_vec();
                 if !network.elements.is_empty() && self.engine() == Engine::Cpu {
@@ -193,7 +193,7 @@ impl MotionTrial {
     /// Returns the smallest number of steps between two stops, a power of two, at which `kind` is
     /// stable; 1 if any step is stable.
     pub fn fewest_stable(&self, kind: SolverKind) -> u32 {
-        let limit = match self.simulator.network() {
+        let limit = match self.simulator.model() {
             Some(network) => {
                 let pinned = self.simulator.loads().pinned();
                 match largest_stable_step(network, pinned, kind) {
@@ -238,7 +238,7 @@ impl MotionTrial {
             });
         }
         // Second order.
-        let kind = match self.simulator.network() {
+        let kind = match self.simulator.model() {
             Some(_) => SolverKind::VelocityVerlet,
             None => SolverKind::Verlet,
         };

@@ -4,7 +4,8 @@ use crate::Result;
 use crate::generate;
 use crate::mesh::signed_volume;
 use crate::physics::{
-    CpuTets, DiscreteModel, Material, Precision, Simulator, SolverKind, largest_stable_step,
+    Capability, CpuTets, DiscreteModel, Material, Precision, Simulator, SolverKind,
+    largest_stable_step,
 };
 use crate::study::reference_motion::converged;
 use crate::study::static_equilibrium::{at_rest, materials, poisson};
@@ -73,7 +74,8 @@ fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
             .sum()
     };
     let change = volume(&body.positions()?) / volume(&mesh.nodes) - 1.0;
-    let forces = body.forces()?;
+    let forces = Capability::NodalForces.require(body.reactions())?;
+    let forces = forces.nodal_forces()?;
     let pull: f64 = forces
         .iter()
         .zip(&mesh.nodes)

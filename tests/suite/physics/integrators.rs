@@ -102,9 +102,10 @@ fn custom_integrator_matches_library_integrator() {
     assert!(moved > 1e-4, "{moved}");
     assert_eq!(own.positions().unwrap(), known.positions().unwrap());
     // The states of different solvers are incompatible.
-    let state = own.state().unwrap();
-    own.set_state(&state).unwrap();
-    let refused = known.set_state(&state).unwrap_err().to_string();
+    let state = own.checkpoint().unwrap().state().unwrap();
+    own.checkpoint_mut().unwrap().set_state(&state).unwrap();
+    let refused = known.checkpoint_mut().unwrap().set_state(&state);
+    let refused = refused.unwrap_err().to_string();
     assert!(refused.contains("leapfrog"), "{refused}");
     // A solver that never evaluates the candidate, or does so twice, is reported.
     for mut wrong in [

@@ -5,8 +5,8 @@ use glam::{DQuat, DVec3};
 use palpate::generate;
 use palpate::mesh::{Blade, Field, Location, TetMesh};
 use palpate::physics::{
-    DistanceField, Engine, EngineChoice, Floor, GrabMode, Material, MaterialModel, RegionMaterial,
-    ScaledLoad, SelfContactSettings, Shape, Simulator, SolverKind, Stiffness, Tool, ToolPose,
+    Capability, DistanceField, Engine, EngineChoice, Floor, GrabMode, Material, MaterialModel,
+    RegionMaterial, SelfContactSettings, Shape, Simulator, SolverKind, Stiffness, Tool, ToolPose,
     VolumetricFormulation,
 };
 use palpate::scene::{Scene, Stage};
@@ -269,16 +269,16 @@ fn pressed(
         friction: 0.0,
         gap: None,
     };
-    let id = body.add_tool(tool).unwrap();
+    let id = body.contact().unwrap().add_tool(tool).unwrap();
     for k in 1..=10 {
         let down = 0.01 * size * f64::from(k);
         body.loads_mut().set_tool_target(id, at(down)).unwrap();
         body.run(1, 0.01).unwrap();
     }
     body.run(20, 0.01).unwrap();
-    let forces = body.forces().unwrap();
+    let forces = body.reactions().unwrap().nodal_forces().unwrap();
     let borne = table.iter().map(|v| forces[*v as usize]).sum();
-    let tool = body.tool_forces().unwrap()[0].force;
+    let tool = body.contact().unwrap().tool_forces().unwrap()[0].force;
     (body, [tool, borne])
 }
 
@@ -335,7 +335,7 @@ fn falling_block_rests_on_plane() {
                 friction: 0.3,
                 gap: None,
             };
-            body.add_tool(tool).unwrap();
+            body.contact().unwrap().add_tool(tool).unwrap();
         }
         body.loads_mut().set_gravity(GRAVITY);
         body.run(160, 0.005).unwrap();
@@ -347,7 +347,7 @@ fn falling_block_rests_on_plane() {
         }
         assert!((-0.0205..-0.018).contains(&lowest), "{lowest}");
         assert!(body.rms_speed() < 1e-2, "{}", body.rms_speed());
-        let force = body.tool_forces().unwrap()[0].force;
+        let force = body.contact().unwrap().tool_forces().unwrap()[0].force;
         assert!((force.z + weight).abs() < 1e-2 * weight, "{force} {weight}");
     }
 }
@@ -370,7 +370,9 @@ fn self_contact_separates_pieces_when_enabled() {
         body.pin(|p| p.z < 1e-6).unwrap();
         if contact {
             assert_eq!(
-                body.set_self_contact(SelfContactSettings::default())
+                body.contact()
+                    .unwrap()
+                    .set_self_contact(SelfContactSettings::default())
                     .unwrap(),
                 0
             );
@@ -424,12 +426,11 @@ fn unsupported_features_are_reported() {
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
     let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.4, y, z))).unwrap();
     let floor = Floor::new(DVec3::ZERO, DVec3::Z, 500.0).unwrap();
-    let pressure = ScaledLoad::Pressure(Vec::new());
     let message = [
         body.cut(&blade).err(),
-        body.state().err(),
+        Capability::Checkpoints.require(body.checkpoint()).err(),
         body.add_term(Arc::new(floor)).err(),
-        body.add_scaled_load(pressure).err(),
+        Capability::Pressure.require(body.scaled_loads()).err(),
         body.set_integrator(SolverKind::Midpoint, Default::default())
             .err(),
     ];

@@ -5,8 +5,8 @@ use glam::DVec3;
 use palpate::generate;
 use palpate::mesh::{Field, Location, TetMesh};
 use palpate::physics::{
-    Engine, EngineChoice, GrabMode, Joint, JointKind, Material, MaterialModel, Simulator,
-    SolverKind,
+    Capability, Engine, EngineChoice, GrabMode, Joint, JointKind, Material, MaterialModel,
+    Simulator, SolverKind,
 };
 use palpate::scene::{Scene, Stage};
 
@@ -78,7 +78,7 @@ fn hinged_bar_matches_pendulum_and_stops_at_limits() {
             anchor: pivot,
             kind: JointKind::Hinge(DVec3::Y, limits),
         };
-        body.add_joint(hinge).unwrap();
+        body.joints().unwrap().add_joint(hinge).unwrap();
         // It hangs along x except for a tenth of a radian: z points down and the weight along x.
         let (sin, cos) = 0.1f64.sin_cos();
         body.loads_mut()
@@ -149,12 +149,14 @@ fn joints_allow_only_their_degrees_of_freedom() {
         ),
     ];
     for (between, at, kind) in joints {
-        body.add_joint(Joint {
-            regions: between,
-            anchor: at,
-            kind,
-        })
-        .unwrap();
+        body.joints()
+            .unwrap()
+            .add_joint(Joint {
+                regions: between,
+                anchor: at,
+                kind,
+            })
+            .unwrap();
     }
     // They hang along x from the start, and the last slides to its limit.
     body.loads_mut().set_gravity(DVec3::new(9.81, 0.0, 0.0));
@@ -311,11 +313,18 @@ fn rejects_invalid_joints() {
             "must contain 0, got 0.1 to 0.2",
         ),
     ] {
-        let message = body.add_joint(joint).err().unwrap().to_string();
+        let message = body
+            .joints()
+            .unwrap()
+            .add_joint(joint)
+            .err()
+            .unwrap()
+            .to_string();
         assert!(message.contains(expected), "{message}");
     }
     let mut other = made(Engine::Cpu, &beside(&[DVec3::ZERO]), &material(&[2]));
-    let message = other.add_joint(ball((2, None))).err().unwrap().to_string();
+    let message = Capability::Joints.require(other.joints());
+    let message = message.err().unwrap().to_string();
     assert!(message.contains("--engine rapier"), "{message}");
 }
 

@@ -39,14 +39,14 @@ fn add(body: &mut dyn Simulator, shape: &Shape, at: DVec3, friction: f64) -> Too
         friction,
         gap: None,
     };
-    body.add_tool(tool).unwrap()
+    body.contact().unwrap().add_tool(tool).unwrap()
 }
 
 fn go(body: &mut dyn Simulator, id: ToolId, to: DVec3, dt: f64) -> Reaction {
     let to = ToolPose::new(to, DQuat::IDENTITY);
     body.loads_mut().set_tool_target(id, to).unwrap();
     body.run(1, dt).unwrap();
-    body.tool_forces().unwrap()[0]
+    body.contact().unwrap().tool_forces().unwrap()[0]
 }
 
 fn slab(cells: usize) -> TetMesh {
@@ -127,7 +127,7 @@ fn slid(degrees: f64) -> [f64; 3] {
     body.loads_mut().set_gravity(tilted(0.0));
     body.run(80, 0.01).unwrap();
     let weight: f64 = 9.81 * body.masses().iter().sum::<f64>();
-    let borne = -body.tool_forces().unwrap()[0].force.z / weight;
+    let borne = -body.contact().unwrap().tool_forces().unwrap()[0].force.z / weight;
     // Tilted slowly to avoid oscillations.
     for k in 1..=20 {
         body.loads_mut()
@@ -210,11 +210,15 @@ fn resumed_run_is_identical() {
     for k in 1..=4 {
         go(whole.as_mut(), id, at(k), 0.05);
         if k == 2 {
-            state = Some(whole.state().unwrap());
+            state = Some(whole.checkpoint().unwrap().state().unwrap());
         }
     }
     let (mut resumed, id) = made();
-    resumed.set_state(&state.unwrap()).unwrap();
+    resumed
+        .checkpoint_mut()
+        .unwrap()
+        .set_state(&state.unwrap())
+        .unwrap();
     for k in 3..=4 {
         go(resumed.as_mut(), id, at(k), 0.05);
     }
@@ -233,10 +237,15 @@ fn unsupported_tool_contact_is_reported() {
     };
     let springs = Material::from_young(2e4);
     let mut body = GpuTets::new(&gpu, mesh.clone(), &springs, kind).unwrap();
-    let message = body.add_tool(tool()).unwrap_err().to_string();
+    let message = body
+        .contact()
+        .unwrap()
+        .add_tool(tool())
+        .unwrap_err()
+        .to_string();
     assert!(message.contains("use --material"), "{message}");
     let mut body = GpuTets::new(&gpu, mesh, &material(), kind).unwrap();
-    body.add_tool(tool()).unwrap();
+    body.contact().unwrap().add_tool(tool()).unwrap();
     let settings = CgSettings::default();
     let message = body
         .set_integrator(SolverKind::Symplectic, settings)

@@ -6,13 +6,11 @@ use super::worker::WorkerCommand;
 use crate::Result;
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
-use crate::physics::simulator::capability::Capability;
 use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
-    AmplitudeId, CgSettings, DiscreteModel, Engine, ExactPositions, ForceBalance, GrabId, GrabMode,
-    Joint, Loads, NodePositions, NodeTerm, PrescribedMotionId, Reaction, Report, ScaledLoad,
-    SelfContactSettings, Simulator, SimulatorState, SolverKind, StepCallback, StepProgress, Tool,
-    ToolId, TopologyChange,
+    CgSettings, Checkpointing, Contact, DiscreteModel, Engine, ForceBalance, GrabId, GrabMode,
+    Joints, Loads, NodePositions, NodeTerm, PrescribedMotionId, Reactions, Report, ScaledLoads,
+    Simulator, SolverKind, StepCallback, StepProgress, TopologyChange,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -42,7 +40,7 @@ impl<M: BodyModel> Simulator for ThreadedSimulator<M> {
         self.model.spring_pairs()
     }
 
-    fn network(&self) -> Option<&DiscreteModel> {
+    fn model(&self) -> Option<&DiscreteModel> {
         self.model.discrete_model()
     }
 
@@ -52,48 +50,6 @@ impl<M: BodyModel> Simulator for ThreadedSimulator<M> {
 
     fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         M::add_term(self, term)
-    }
-
-    fn add_scaled_load(&mut self, acting: ScaledLoad) -> Result<AmplitudeId> {
-        let missing = match acting {
-            ScaledLoad::Pressure(_) => Capability::Pressure,
-            ScaledLoad::Muscle(_) => Capability::Muscles,
-        };
-        let loads = M::scaled_loads(self).ok_or_else(|| missing.unsupported())?;
-        loads.add_scaled_load(acting)
-    }
-
-    fn set_amplitude(&mut self, id: AmplitudeId, level: f64) -> Result<()> {
-        let loads = M::scaled_loads(self).ok_or_else(|| Capability::Pressure.unsupported())?;
-        loads.set_amplitude(id, level)
-    }
-
-    fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
-        let contact = M::contact(self).ok_or_else(|| Capability::Tools.unsupported())?;
-        contact.add_tool(tool)
-    }
-
-    fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<usize> {
-        let contact = M::contact(self).ok_or_else(|| Capability::SelfContact.unsupported())?;
-        contact.set_self_contact(wanted)
-    }
-
-    fn add_joint(&mut self, joint: Joint) -> Result<()> {
-        let joints = M::joints(self).ok_or_else(|| Capability::Joints.unsupported())?;
-        joints.add_joint(joint)
-    }
-
-    fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
-        M::contact(self).map_or(Ok(Vec::new()), |contact| contact.tool_forces())
-    }
-
-    fn region_force(&mut self, label: i64) -> Result<Option<Reaction>> {
-        M::reactions(self).map_or(Ok(None), |forces| forces.region_force(label))
-    }
-
-    fn forces(&mut self) -> Result<Vec<DVec3>> {
-        let forces = M::reactions(self).ok_or_else(|| Capability::NodalForces.unsupported())?;
-        forces.nodal_forces()
     }
 
     fn add_prescribed_motion(&mut self, nodes: &[u32]) -> Result<PrescribedMotionId> {
@@ -219,27 +175,27 @@ impl<M: BodyModel> Simulator for ThreadedSimulator<M> {
         self.changes + self.loads.version()
     }
 
-    fn has_state(&self) -> bool {
-        M::checkpoint(self).is_some()
+    fn contact(&mut self) -> Option<&mut dyn Contact> {
+        M::contact(self)
     }
 
-    fn state(&self) -> Result<SimulatorState> {
-        let saved = M::checkpoint(self).ok_or_else(|| Capability::Checkpoints.unsupported())?;
-        saved.state()
+    fn reactions(&mut self) -> Option<&mut dyn Reactions> {
+        M::reactions(self)
     }
 
-    fn set_state(&mut self, state: &SimulatorState) -> Result<()> {
-        let saved = M::checkpoint_mut(self).ok_or_else(|| Capability::Checkpoints.unsupported())?;
-        saved.set_state(state)
+    fn scaled_loads(&mut self) -> Option<&mut dyn ScaledLoads> {
+        M::scaled_loads(self)
     }
 
-    fn pose(&self) -> Result<ExactPositions> {
-        let saved = M::checkpoint(self).ok_or_else(|| Capability::Checkpoints.unsupported())?;
-        saved.pose()
+    fn joints(&mut self) -> Option<&mut dyn Joints> {
+        M::joints(self)
     }
 
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
-        let saved = M::checkpoint_mut(self).ok_or_else(|| Capability::Checkpoints.unsupported())?;
-        saved.set_pose(pose)
+    fn checkpoint(&self) -> Option<&dyn Checkpointing> {
+        M::checkpoint(self)
+    }
+
+    fn checkpoint_mut(&mut self) -> Option<&mut dyn Checkpointing> {
+        M::checkpoint_mut(self)
     }
 }

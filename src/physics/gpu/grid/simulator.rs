@@ -4,8 +4,8 @@ use crate::gpu::{Array, Gpu, Recorder};
 use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::grid::retain_tets;
 use crate::physics::{
-    CgSettings, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, GridBody, Loads,
-    NodePositions, Report, Simulator, SimulatorState, SolverKind, StepProgress, StepRecord,
+    CgSettings, Checkpointing, Engine, ExactPositions, ForceBalance, GrabId, GrabMode, GridBody,
+    Loads, NodePositions, Report, Simulator, SimulatorState, SolverKind, StepProgress, StepRecord,
     TopologyChange,
 };
 use crate::{Error, Result};
@@ -175,6 +175,16 @@ impl Simulator for GpuGrid {
         self.body.change_count()
     }
 
+    fn checkpoint(&self) -> Option<&dyn Checkpointing> {
+        Some(self)
+    }
+
+    fn checkpoint_mut(&mut self) -> Option<&mut dyn Checkpointing> {
+        Some(self)
+    }
+}
+
+impl Checkpointing for GpuGrid {
     fn state(&self) -> Result<SimulatorState> {
         Ok(SimulatorState::new(self.body.state()?))
     }

@@ -58,7 +58,7 @@ fn cut_body_averages_volumes_on_both_sides() {
     let (kind, settings) = (SolverKind::Implicit, CgSettings::default());
     let mut body =
         CpuTets::new(&gpu(), mesh, &averaged, kind, settings, Precision::Double).unwrap();
-    let whole = body.network().unwrap().clone();
+    let whole = body.model().unwrap().clone();
     let (low, high) = body.mesh().bounds();
     let at = low.x + 0.45 * (high.x - low.x);
     let corner = |y: f64, z: f64| DVec3::new(at, low.y + y, low.z + z);
@@ -70,7 +70,7 @@ fn cut_body_averages_volumes_on_both_sides() {
     ]);
     let change = body.cut(&blade.unwrap()).unwrap();
     assert!(!change.mesh.duplicated_nodes.is_empty());
-    let network = body.network().unwrap().clone();
+    let network = body.model().unwrap().clone();
     assert_eq!(
         network.elements.volume,
         VolumetricFormulation::NodalAveraged
