@@ -277,7 +277,7 @@ impl Stage {
                 let saved = motion.simulator.checkpoint_mut();
                 Capability::Checkpoints
                     .require(saved)?
-                    .set_pose(&cut.pose)?;
+                    .set_exact_positions(&cut.pose)?;
             }
             self.cut(&blade)?;
         }
@@ -310,11 +310,11 @@ impl Stage {
     }
 
     /// Returns the current exact positions, as recorded with a cut.
-    pub(super) fn pose_now(&self) -> Result<Option<ExactPositions>> {
+    pub(super) fn current_exact_positions(&self) -> Result<Option<ExactPositions>> {
         let Some(motion) = self.motion() else {
             return Ok(None);
         };
         let saved = Capability::Checkpoints.require(motion.simulator.checkpoint())?;
-        Ok(Some(saved.pose()?))
+        Ok(Some(saved.exact_positions()?))
     }
 }

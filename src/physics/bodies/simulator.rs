@@ -366,10 +366,10 @@ impl Checkpointing for MultiBody {
         Ok(())
     }
 
-    fn pose(&self) -> Result<ExactPositions> {
+    fn exact_positions(&self) -> Result<ExactPositions> {
         let parts = self.members.iter().map(|m| {
             let saved = m.simulator.checkpoint();
-            Capability::Checkpoints.require(saved)?.pose()
+            Capability::Checkpoints.require(saved)?.exact_positions()
         });
         Ok(ExactPositions {
             parts: parts.collect::<Result<_>>()?,
@@ -377,7 +377,7 @@ impl Checkpointing for MultiBody {
         })
     }
 
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
+    fn set_exact_positions(&mut self, pose: &ExactPositions) -> Result<()> {
         if pose.parts.len() != self.members.len() {
             return Err(Error::Input(
                 "the saved positions are of other bodies; restore them with the same bodies".into(),
@@ -387,7 +387,9 @@ impl Checkpointing for MultiBody {
         each.try_for_each(|(m, pose)| {
             m.named(|s| {
                 let saved = s.checkpoint_mut();
-                Capability::Checkpoints.require(saved)?.set_pose(pose)
+                Capability::Checkpoints
+                    .require(saved)?
+                    .set_exact_positions(pose)
             })
         })
     }

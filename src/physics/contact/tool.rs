@@ -38,18 +38,6 @@ impl ToolPose {
         DQuat::from_array(self.rotation)
     }
 
-    /// As [`ToolPose::position`]; for callers that still use this name.
-    #[doc(hidden)]
-    pub fn place(&self) -> DVec3 {
-        self.position()
-    }
-
-    /// As [`ToolPose::rotation`]; for callers that still use this name.
-    #[doc(hidden)]
-    pub fn turn(&self) -> DQuat {
-        self.rotation()
-    }
-
     /// Transforms a point from the frame of the tool's shape to world coordinates.
     pub fn transform_point(&self, p: DVec3) -> DVec3 {
         self.position() + self.rotation() * p

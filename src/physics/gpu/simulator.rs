@@ -287,14 +287,14 @@ impl Checkpointing for GpuTets {
         Ok(())
     }
 
-    fn pose(&self) -> Result<ExactPositions> {
+    fn exact_positions(&self) -> Result<ExactPositions> {
         Ok(ExactPositions {
             positions: self.body.nodes.local()?,
             ..ExactPositions::default()
         })
     }
 
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
+    fn set_exact_positions(&mut self, pose: &ExactPositions) -> Result<()> {
         self.body.set_exact_positions(&pose.positions)
     }
 }

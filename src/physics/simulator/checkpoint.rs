@@ -25,11 +25,11 @@ pub trait Checkpointing {
     ///
     /// # Errors
     /// Errors of reading back.
-    fn pose(&self) -> Result<ExactPositions>;
+    fn exact_positions(&self) -> Result<ExactPositions>;
 
     /// Sets the exact positions at the time of a cut, without velocities.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if the positions are of another body.
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()>;
+    fn set_exact_positions(&mut self, pose: &ExactPositions) -> Result<()>;
 }

@@ -25,7 +25,7 @@ impl Stage {
         }
         self.cached = None;
         let pose = match self.journal {
-            Some(_) => self.pose_now()?,
+            Some(_) => self.current_exact_positions()?,
             None => None,
         };
         let NodeSource::Simulated(motion) = &mut self.drive else {

@@ -85,14 +85,14 @@ impl<M: ResumableModel> Checkpointing for ThreadedSimulator<M> {
         self.upload_now()
     }
 
-    fn pose(&self) -> Result<ExactPositions> {
+    fn exact_positions(&self) -> Result<ExactPositions> {
         Ok(ExactPositions {
             displacements: M::exact_positions(&**self.worker.body()),
             ..ExactPositions::default()
         })
     }
 
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
+    fn set_exact_positions(&mut self, pose: &ExactPositions) -> Result<()> {
         M::set_exact_positions(&mut **self.worker.body(), &pose.displacements)?;
         self.upload_now()
     }

@@ -193,7 +193,7 @@ impl Checkpointing for GpuGrid {
         self.body.set_state(state.expect()?)
     }
 
-    fn pose(&self) -> Result<ExactPositions> {
+    fn exact_positions(&self) -> Result<ExactPositions> {
         Ok(ExactPositions {
             positions: self.gpu.read_array(self.body.nodes().array())?,
             normals: self.gpu.read_array(self.body.normals())?,
@@ -201,7 +201,7 @@ impl Checkpointing for GpuGrid {
         })
     }
 
-    fn set_pose(&mut self, pose: &ExactPositions) -> Result<()> {
+    fn set_exact_positions(&mut self, pose: &ExactPositions) -> Result<()> {
         self.body.place_particles(&pose.positions, &pose.normals)
     }
 }
