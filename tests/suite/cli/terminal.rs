@@ -266,7 +266,7 @@ fn press_prints_json() {
         "--map",
         "3x3",
         "--radius",
-        "0.02",
+        "0.03",
         "--out",
         text(&out),
     ]);
