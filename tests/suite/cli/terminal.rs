@@ -242,7 +242,7 @@ fn render_and_simulate_print_json() {
 #[test]
 fn press_prints_json() {
     let folder = folder("terminal_press");
-    let block = "[mesh]\ngenerate = \"bar\"\n[material]\nyoung = 2e4\n[picture]\nsize = [48, 32]\n";
+    let block = "[mesh]\ngenerate = \"box\"\ntets = 900\n[material]\nyoung = 2e4\n[picture]\nsize = [48, 32]\n";
     let scene = scene(&folder, block);
     let at = |name: &str| folder.join(name);
     let out = at("pressed");
@@ -266,7 +266,7 @@ fn press_prints_json() {
         "--map",
         "3x3",
         "--radius",
-        "0.03",
+        "0.025",
         "--out",
         text(&out),
     ]);
