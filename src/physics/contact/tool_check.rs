@@ -10,6 +10,9 @@ use std::fmt;
 /// ones are within the tolerance of a penalty contact.
 const PENETRATION_TOLERANCE: f64 = 0.1;
 
+/// Tolerance of a point on a face of a tet, relative to the tet's height above the face.
+const FACE_TOLERANCE: f64 = 1e-9;
+
 /// Why the force of a body on a tool is not valid; lengths are in file units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ToolProblem {
@@ -103,14 +106,15 @@ impl Tool {
     }
 }
 
-/// Whether `p` is inside a tet that is not inverted.
+/// Whether `p` is in a tet that is not inverted, or on its faces.
 fn contains([a, b, c, d]: [DVec3; 4], p: DVec3) -> bool {
     let volume = |a: DVec3, b: DVec3, c: DVec3, d: DVec3| (b - a).cross(c - a).dot(d - a);
-    volume(a, b, c, d) > 0.0
-        && volume(p, b, c, d) > 0.0
-        && volume(a, p, c, d) > 0.0
-        && volume(a, b, p, d) > 0.0
-        && volume(a, b, c, p) > 0.0
+    let least = -FACE_TOLERANCE * volume(a, b, c, d);
+    least < 0.0
+        && volume(p, b, c, d) >= least
+        && volume(a, p, c, d) >= least
+        && volume(a, b, p, d) >= least
+        && volume(a, b, c, p) >= least
 }
 
 #[cfg(test)]
