@@ -41,7 +41,7 @@ pub use mesh_report::{MeshReport, RegionReport};
 pub use non_manifold::NonManifoldReport;
 pub use optimise::OptimiserReport;
 pub use small_components::IslandReport;
-pub(crate) use spacing::find_spacing;
+pub(crate) use spacing::{MAX_OUTSIDE_RATIO, find_spacing};
 pub use threshold_domain::ThresholdDomain;
 pub use threshold_range::ThresholdRange;
 
@@ -233,10 +233,15 @@ struct DividedDomain {
 }
 
 impl DividedDomain {
-    /// Returns the number of tets inside, and of all.
+    /// Returns the number of tets inside, and of all. A lattice that misses the body has no tets
+    /// along its boundary; a fraction of the lattice stands for them.
     fn counts(&self) -> [usize; 2] {
         let inside = self.pieces.iter().filter(|p| p.1 != 0).count();
-        [inside, self.pieces.len()]
+        let all = match self.pieces.len() {
+            0 => self.lattice.tets.len() / MAX_OUTSIDE_RATIO,
+            pieces => pieces,
+        };
+        [inside, all]
     }
 }
 

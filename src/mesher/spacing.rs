@@ -15,7 +15,7 @@ const MAX_EMPTY_TRIALS: usize = 6;
 /// Maximum ratio of all tets, including those outside along the boundary, to the target while those
 /// inside are fewer than the target. Then the edge is more than three times the thickness of the
 /// body.
-const MAX_OUTSIDE_RATIO: usize = 20;
+pub(crate) const MAX_OUTSIDE_RATIO: usize = 20;
 
 /// Minimum fraction of the target of a result that the search was stopped at.
 const MIN_FRACTION: f64 = 0.5;
