@@ -123,7 +123,7 @@ fn utf16_surface_is_read() {
 fn stiffness_of_zero_is_rejected() {
     let error_of = |material: &str| {
         let text = format!(
-            "[mesh]\ngenerate = \"breast\"\ntets = 1500\n[material]\n{material}\n[solver]\nname = \"implicit\""
+            "[mesh]\ngenerate = \"breast\"\ntets = 4000\n[material]\n{material}\n[solver]\nname = \"implicit\""
         );
         let made = Scene::parse(&text).and_then(|scene| Stage::new(&gpu(), &scene));
         made.err().map(|e| e.to_string()).unwrap_or_default()
