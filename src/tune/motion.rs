@@ -407,7 +407,7 @@ fn visits(motion: &Motion) -> Result<f64> {
     let simulator = simulator.coarse_body().unwrap_or(simulator);
     let springs = simulator.spring_pairs().len() as f64;
     // Elements are evaluated a few times a step, six edges each; solver iterations traverse edges.
-    let elements = simulator.model().map_or(0, |n| n.elements.tets.len());
+    let elements = simulator.model().map_or(0, |n| n.tets().len());
     let elements = 6.0 * EVALUATIONS * elements as f64;
     let last = simulator.iterations()?;
     let last = &last[last.len().saturating_sub(PROBE_STEPS as usize)..];

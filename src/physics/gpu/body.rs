@@ -9,7 +9,8 @@ use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetMesh;
 use crate::physics::loads::grab::{GrabId, GrabMode};
 use crate::physics::loads::{LoadVersions, Loads};
-use crate::physics::model::discrete_model::{DiscreteModel, Spring};
+use crate::physics::model::discrete_model::DiscreteModel;
+use crate::physics::model::discretisation::Edge;
 use crate::physics::model::material::Material;
 use crate::physics::model::node_term::NodeTerm;
 use crate::physics::model::units::LocalUnits;
@@ -94,11 +95,11 @@ impl GpuBody {
         material: &Material,
     ) -> Result<GpuBody> {
         let count = mesh.nodes.len();
-        let strange = |s: &Spring| s.nodes.iter().any(|v| *v as usize >= count);
+        let strange = |e: &Edge| e.nodes.iter().any(|v| *v as usize >= count);
         let fits = network.rest_positions.len() == count && network.masses.len() == count;
-        let corners = network.elements.tets.iter().flat_map(|e| e.nodes);
+        let corners = network.tets().iter().flat_map(|e| e.nodes);
         let fits = fits && corners.max().is_none_or(|v| (v as usize) < count);
-        if !fits || network.springs.iter().any(strange) {
+        if !fits || network.edges.iter().any(strange) {
             return Err(Error::Input(format!(
                 "the model, with masses of {} nodes, does not match the mesh of {count} nodes",
                 network.masses.len()

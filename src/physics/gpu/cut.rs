@@ -104,7 +104,7 @@ impl GpuBody {
             self.springs
                 .rebuild(&self.gpu, &self.network, &rest, &self.units)?;
         }
-        if !self.network.elements.is_empty() {
+        if self.network.elements().is_some() {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
             let made_of = (&self.springs, &self.units);
             self.elements = GpuElements::new(&self.gpu, &self.network, &rest, made_of)?;

@@ -103,10 +103,9 @@ impl GpuElements {
         rest: &[Vec3],
         (springs, units): (&GpuSprings, &LocalUnits),
     ) -> Result<Option<GpuElements>> {
-        let elements = &network.elements;
-        if elements.is_empty() {
+        let Some(elements) = network.elements() else {
             return Ok(None);
-        }
+        };
         if elements.volume == VolumetricFormulation::NodalAveraged {
             return Err(Error::Input(
                 "averaged volumes are supported on the CPU only; use the engine cpu or auto (--engine), or the volume per-tet (--volume)".into(),
@@ -317,7 +316,7 @@ impl GpuTerm for GpuElements {
 /// The directed edges of the elements of `network`, in sliced ELLPACK.
 fn edges_of(network: &DiscreteModel) -> Result<SlicedEllpack> {
     let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); network.rest_positions.len()];
-    for element in &network.elements.tets {
+    for element in network.tets() {
         for i in element.nodes {
             let others = element.nodes.iter().filter(|j| **j != i);
             neighbours[i as usize].extend(others);
@@ -342,7 +341,7 @@ impl Lists {
         };
         // Each edge with its incident tets: tet number and local corners of the two ends.
         let mut edges: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
-        for (e, element) in network.elements.tets.iter().enumerate() {
+        for (e, element) in network.tets().iter().enumerate() {
             let e = e as u32;
             lists.tets.push(element.nodes);
             let [_, gradients @ ..] = element.gradients();

@@ -93,7 +93,7 @@ impl Simulator for GpuTets {
     }
 
     fn spring_pairs(&self) -> Vec<[u32; 2]> {
-        self.body.network.springs.iter().map(|s| s.nodes).collect()
+        self.body.network.edge_nodes().collect()
     }
 
     fn model(&self) -> Option<&DiscreteModel> {

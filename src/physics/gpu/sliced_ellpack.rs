@@ -6,7 +6,8 @@
 //! that invocations running side by side finish together. The incident tet corners of nodes have
 //! the same layout. The CPU side of `shaders/lib/sliced_ellpack.wgsl`.
 
-use crate::physics::model::discrete_model::{DiscreteModel, Spring};
+use crate::physics::model::discrete_model::DiscreteModel;
+use crate::physics::model::discretisation::Edge;
 use crate::physics::model::units::LocalUnits;
 use crate::{Error, Result};
 use glam::Vec3;
@@ -54,8 +55,8 @@ impl SlicedEllpack {
         units: &LocalUnits,
     ) -> Result<SlicedEllpack> {
         let mut neighbours: Vec<Vec<DirectedSpring>> = vec![Vec::new(); rest.len()];
-        for s in &network.springs {
-            for (node, directed) in directed_pair(s, |v| rest[v as usize], units) {
+        for edge in &network.edges {
+            for (node, directed) in directed_pair(edge, |v| rest[v as usize], units) {
                 neighbours[node as usize].push(directed);
             }
         }
@@ -210,15 +211,15 @@ fn entry_position(base: u32, t: usize, e: usize) -> (usize, usize) {
     )
 }
 
-/// The two directed springs of a spring, whose nodes rest at the local positions `rest`.
+/// The two directed springs along an edge, whose nodes rest at the local positions `rest`.
 pub(in crate::physics) fn directed_pair(
-    spring: &Spring,
+    edge: &Edge,
     rest: impl Fn(u32) -> Vec3,
     units: &LocalUnits,
 ) -> [(u32, DirectedSpring); 2] {
-    let [i, j] = spring.nodes;
+    let [i, j] = edge.nodes;
     let length = rest(i).as_dvec3().distance(rest(j).as_dvec3()) as f32;
-    let stiffness = (spring.stiffness / units.stiffness()) as f32;
+    let stiffness = (edge.stiffness / units.stiffness()) as f32;
     [(i, (j, stiffness, length)), (j, (i, stiffness, length))]
 }
 

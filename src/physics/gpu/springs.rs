@@ -5,8 +5,9 @@ use super::terms::{GpuTerm, ProgramPart};
 use crate::Result;
 use crate::gpu::{Array, Gpu, PassBuilder, Texel};
 use crate::mesh::TetCut;
-use crate::physics::Damping;
-use crate::physics::model::discrete_model::{DiscreteModel, Spring};
+use crate::physics::model::discrete_model::DiscreteModel;
+use crate::physics::model::discretisation::Edge;
+use crate::physics::model::material::Damping;
 use crate::physics::model::units::LocalUnits;
 use glam::Vec3;
 
@@ -43,15 +44,16 @@ impl GpuSprings {
         units: &LocalUnits,
     ) -> Result<Self> {
         let kept = SlicedEllpack::new(network, rest, units)?;
+        let springs = network.springs().copied().unwrap_or_default();
         Ok(GpuSprings {
             rows: gpu.array_of_with_headroom("rows", Texel::U32x4, &kept.rows)?,
             columns: gpu.array_of_with_headroom("columns", Texel::U32x4, &kept.columns)?,
             springs: gpu.array_of_with_headroom("springs", Texel::F32x2, &kept.springs)?,
             kept,
             params: SpringParams {
-                damping: (network.damping / units.damping()) as f32,
+                damping: (springs.damping / units.damping()) as f32,
                 damping_time: (network.damping_time / units.time) as f32,
-                axial: u32::from(network.damping_kind == Damping::Axial),
+                axial: u32::from(springs.damping_kind == Damping::Axial),
                 _pad0: 0,
             },
         })
@@ -68,7 +70,7 @@ impl GpuSprings {
         &mut self,
         gpu: &Gpu,
         cut: &TetCut,
-        new: &[Spring],
+        new: &[Edge],
         (nodes, rest, units): (usize, impl Fn(u32) -> Vec3 + Copy, &LocalUnits),
     ) -> Result<()> {
         let directed = new.iter().flat_map(|s| directed_pair(s, rest, units));

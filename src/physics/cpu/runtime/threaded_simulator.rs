@@ -53,8 +53,8 @@ pub(in crate::physics) trait BodyModel: Sized + Send + 'static {
 
     /// The two nodes of each spring.
     fn spring_pairs(&self) -> Vec<[u32; 2]> {
-        let springs = self.discrete_model().map(|model| &model.springs);
-        springs.into_iter().flatten().map(|s| s.nodes).collect()
+        let edges = self.discrete_model().map(DiscreteModel::edge_nodes);
+        edges.into_iter().flatten().collect()
     }
 
     /// Whether node `i` belongs to the body.
