@@ -99,8 +99,7 @@ pub struct Cage {
 }
 
 impl Cage {
-    /// Creates a cage of about `nodes` nodes around `mesh`, a body with the masses and springs or
-    /// elements of `network`.
+    /// Creates a cage of about `nodes` nodes around `mesh`, a body with the model `network`.
     ///
     /// # Errors
     /// [`Error::Input`] for an invalid number of nodes, rigid regions, or a grid cage around a body

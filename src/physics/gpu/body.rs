@@ -1,4 +1,4 @@
-//! A deformable body: a mesh's nodes and springs on the GPU.
+//! A deformable body: a mesh's nodes, edges and elements on the GPU.
 
 use super::contact::GpuContact;
 use super::elements::GpuElements;
@@ -32,7 +32,7 @@ pub(in crate::physics) struct ChangeCounter {
     pub any: u64,
 }
 
-/// A mesh made of a material, on the GPU: state, masses, springs, forces.
+/// A mesh made of a material, on the GPU: state, masses, edges, forces.
 ///
 /// Node i of the mesh is item i of every array. The interface uses file units for positions, file
 /// units per second for velocities, and newtons for forces. Changes take effect with the next step.
@@ -47,8 +47,9 @@ pub struct GpuBody {
     pub(in crate::physics) masses: Array,
     /// External forces, N.
     pub(in crate::physics) external: Array,
+    /// The edges in rows; in a body of springs, also the term of elastic deformation.
     pub(in crate::physics) springs: GpuSprings,
-    /// Finite elements that replace the springs, if any.
+    /// The finite elements, if the body is made of them.
     pub(in crate::physics) elements: Option<GpuElements>,
     /// Rigid regions, if any.
     pub(in crate::physics) rigid: Option<GpuRigid>,
@@ -83,8 +84,8 @@ impl GpuBody {
         GpuBody::from_model(gpu, mesh, network, material)
     }
 
-    /// As [`GpuBody::new`], with given masses and springs, for example those of a cage. A cut
-    /// computes the new springs along it from `material`.
+    /// As [`GpuBody::new`], with a given model, for example that of a cage. A cut computes
+    /// the new edges along it from `material`.
     ///
     /// # Errors
     /// [`Error::Input`] if `network` does not match `mesh`; otherwise as [`GpuBody::new`].
@@ -149,7 +150,7 @@ impl GpuBody {
         &self.nodes
     }
 
-    /// Masses, springs and elements in float64.
+    /// The model in float64.
     pub fn network(&self) -> &DiscreteModel {
         &self.network
     }
@@ -183,7 +184,7 @@ impl GpuBody {
         Ok(())
     }
 
-    /// The energy terms besides the springs.
+    /// The energy terms besides the springs or elements.
     pub fn terms(&self) -> &[Arc<dyn NodeTerm>] {
         &self.terms
     }

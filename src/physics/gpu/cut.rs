@@ -13,8 +13,8 @@ impl GpuBody {
     /// submitted work and reads positions and velocities back.
     ///
     /// Duplicated nodes take position, velocity and pin of their original, and share its mass and
-    /// external force according to the tets on either side, which conserves mass and momentum. New
-    /// edges get springs. Solvers restart from positions and velocities with the next step; a
+    /// external force according to the tets on either side, which conserves mass and momentum. Springs
+    /// follow the new edges. Solvers restart from positions and velocities with the next step; a
     /// `Geometry` or `Surface` that draws the body must be updated too. A blade that hits nothing
     /// changes nothing, see [`TetCut::is_empty`].
     ///
@@ -75,7 +75,7 @@ impl GpuBody {
         if cut.is_empty() {
             return self.check_mesh(mesh);
         }
-        let springs = self.network.apply_cut(mesh, &self.material, cut)?;
+        let edges = self.network.apply_cut(mesh, &self.material, cut)?;
         // Pins and releases that are not yet uploaded are sent together with the next step.
         let held = self.loads.versions.constraints;
         let known = self
@@ -87,7 +87,7 @@ impl GpuBody {
         if cut.removed.is_empty() {
             let node_count = self.nodes.len();
             let follower = (node_count, rest, &self.units);
-            self.springs.apply_cut(&self.gpu, cut, &springs, follower)?;
+            self.springs.apply_cut(&self.gpu, cut, &edges, follower)?;
             let mass = |v: &u32| {
                 let v = *v as usize;
                 self.local_mass(self.network.masses[v], self.pinned()[v])

@@ -67,8 +67,7 @@ pub(in crate::physics) struct GpuElements {
     rest: Array,
     rows: Array,
     corners: Array,
-    /// Rows of the edges: those of the springs (the mesh edges), or with rigid bodies those of the
-    /// elements.
+    /// Rows of the edges: those of the mesh, or with rigid bodies those of the elements.
     edge_rows: Array,
     edge_columns: Array,
     matrix_texels: usize,
@@ -96,7 +95,7 @@ struct Lists {
 
 impl GpuElements {
     /// The elements of `network`, whose nodes rest at the local positions `rest` and whose edges
-    /// are `springs`; `None` if it has no elements.
+    /// are those of `springs`; `None` if it has no elements.
     pub fn new(
         gpu: &Gpu,
         network: &DiscreteModel,

@@ -92,7 +92,7 @@ impl Simulator for GpuTets {
         &self.body.network.masses
     }
 
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
         self.body.network.edge_nodes().collect()
     }
 

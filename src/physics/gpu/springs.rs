@@ -24,7 +24,8 @@ mod gpu_data {
 }
 use gpu_data::SpringParams;
 
-/// The springs of every node in sliced ELLPACK rows of directed edges.
+/// The edges of every node in sliced ELLPACK rows of directed edges, with the springs along them;
+/// [`GpuElements`](super::elements::GpuElements) use the rows only.
 #[derive(Debug)]
 pub(in crate::physics) struct GpuSprings {
     pub rows: Array,
@@ -36,7 +37,7 @@ pub(in crate::physics) struct GpuSprings {
 }
 
 impl GpuSprings {
-    /// The springs of `network`, whose nodes rest at the local positions `rest`.
+    /// The edges of `network`, whose nodes rest at the local positions `rest`.
     pub fn new(
         gpu: &Gpu,
         network: &DiscreteModel,
@@ -64,7 +65,7 @@ impl GpuSprings {
         &self.kept
     }
 
-    /// Applies a cut that replaced the springs at duplicated nodes by `new`; the body has `nodes`
+    /// Applies a cut that replaced the edges at duplicated nodes by `new`; the body has `nodes`
     /// nodes now.
     pub fn apply_cut(
         &mut self,
@@ -83,7 +84,7 @@ impl GpuSprings {
         put(gpu, &self.springs, &replaced.springs, &kept.springs)
     }
 
-    /// Rebuilds all springs from `network`.
+    /// Rebuilds all edges from `network`.
     pub fn rebuild(
         &mut self,
         gpu: &Gpu,

@@ -10,7 +10,7 @@ use std::sync::Arc;
 /// A spring network with its state, external forces and pins.
 #[derive(Clone, Debug)]
 pub struct ReferenceSprings {
-    /// Masses and springs.
+    /// The model, made of springs.
     pub network: DiscreteModel,
     /// Positions, m.
     pub x: Vec<DVec3>,

@@ -61,8 +61,8 @@ pub trait Simulator: Send {
     /// Masses of all simulated nodes, kg.
     fn masses(&self) -> &[f64];
 
-    /// The two simulated nodes of each spring.
-    fn spring_pairs(&self) -> Vec<[u32; 2]>;
+    /// The two simulated nodes of each edge of a tetrahedral body, or of each spring of a grid body.
+    fn edge_nodes(&self) -> Vec<[u32; 2]>;
 
     /// The discrete model of a tetrahedral body.
     fn model(&self) -> Option<&DiscreteModel> {

@@ -51,8 +51,8 @@ pub(in crate::physics) trait BodyModel: Sized + Send + 'static {
         None
     }
 
-    /// The two nodes of each spring.
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
+    /// The two nodes of each edge of a tetrahedral body, or of each spring of a grid body.
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
         let edges = self.discrete_model().map(DiscreteModel::edge_nodes);
         edges.into_iter().flatten().collect()
     }
