@@ -175,7 +175,7 @@ impl GpuBody {
         let (frame, unit) = self.loads.frame_and_unit();
         let all = self.terms.iter().chain([&term]);
         let numbers: Vec<[f32; 4]> = all
-            .flat_map(|t| t.gpu_parameters(&frame, &self.units, unit))
+            .flat_map(|t| t.shader_parameters(&frame, &self.units, unit))
             .collect();
         self.node_terms = Some(self.gpu.buffer_of("node term parameters", &numbers)?);
         self.terms.push(term);

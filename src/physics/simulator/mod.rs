@@ -3,9 +3,11 @@
 pub(super) mod capability;
 pub(super) mod checkpoint;
 pub(super) mod contact;
+pub(super) mod engine;
 pub(super) mod helpers;
 pub(super) mod joints;
 pub(super) mod member;
+pub(super) mod messages;
 pub(super) mod node_positions;
 pub(super) mod progress;
 pub(super) mod reactions;

@@ -14,6 +14,7 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::springs::term::Springs;
 use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::{from_metres, zero};
+use crate::physics::simulator::messages::requires_elements_error;
 use crate::physics::{
     CgSettings, DiscreteModel, Discretisation, Edge, Element, LocalUnits, NewtonSettings,
     SolverKind,
@@ -56,7 +57,7 @@ impl<T: Real> CpuBody<T> {
             build_layout(network, kind, &units, nodes_per_aggregate)?;
         let network = network.as_ref();
         if SolverKind::ELEMENT_ONLY.contains(&kind) && network.elements().is_none() {
-            return Err(kind.requires_elements_error());
+            return Err(requires_elements_error(kind));
         }
         let (order, starts) = (aggregates.order, aggregates.group_starts);
         let plan = match chunks {

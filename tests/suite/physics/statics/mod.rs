@@ -156,7 +156,7 @@ impl NodeTerm for Slides {
         "slides"
     }
 
-    fn gpu_parameters(&self, _: &LocalFrame, _: &LocalUnits, _: f64) -> [[f32; 4]; 2] {
+    fn shader_parameters(&self, _: &LocalFrame, _: &LocalUnits, _: f64) -> [[f32; 4]; 2] {
         [[0.0; 4]; 2]
     }
 
