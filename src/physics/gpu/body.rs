@@ -1,10 +1,10 @@
 //! A deformable body: a mesh's nodes, edges and elements on the GPU.
 
 use super::contact::GpuContact;
-use super::elements::GpuElements;
+use super::edges::GpuEdges;
 use super::grab_lists::GrabLists;
 use super::rigid::GpuRigid;
-use super::springs::GpuSprings;
+use super::terms::GpuDiscretisation;
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetMesh;
 use crate::physics::loads::grab::{GrabId, GrabMode};
@@ -47,10 +47,9 @@ pub struct GpuBody {
     pub(in crate::physics) masses: Array,
     /// External forces, N.
     pub(in crate::physics) external: Array,
-    /// The edges in rows; in a body of springs, also the term of elastic deformation.
-    pub(in crate::physics) springs: GpuSprings,
-    /// The finite elements, if the body is made of them.
-    pub(in crate::physics) elements: Option<GpuElements>,
+    pub(in crate::physics) edges: GpuEdges,
+    /// The springs or finite elements.
+    pub(in crate::physics) discretisation: GpuDiscretisation,
     /// Rigid regions, if any.
     pub(in crate::physics) rigid: Option<GpuRigid>,
     /// Tools and the boundary they press on, if any.
@@ -110,9 +109,9 @@ impl GpuBody {
         let nodes = NodePositions::new(gpu, mesh)?;
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
-        let springs = GpuSprings::new(gpu, &network, &rest, &units)?;
-        let elements = GpuElements::new(gpu, &network, &rest, (&springs, &units))?;
-        let rigid = GpuRigid::new(gpu, &network, (elements.as_ref(), &units))?;
+        let edges = GpuEdges::new(gpu, &network, &rest, &units)?;
+        let discretisation = GpuDiscretisation::new(gpu, &network, &rest, (&edges, &units))?;
+        let rigid = GpuRigid::new(gpu, &network, (discretisation.elements(), &units))?;
         let mut body = GpuBody {
             loads: Loads::new(nodes.len(), frame, network.length_unit),
             uploaded_loads: None,
@@ -122,8 +121,8 @@ impl GpuBody {
             velocities: gpu.array_with_headroom("velocities", Texel::F32x4, nodes.len())?,
             masses: gpu.array_with_headroom("masses", Texel::F32x2, nodes.len())?,
             external: gpu.array_with_headroom("external forces", Texel::F32x4, nodes.len())?,
-            springs,
-            elements,
+            edges,
+            discretisation,
             rigid,
             contact: None,
             nodes,

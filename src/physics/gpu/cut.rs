@@ -1,7 +1,7 @@
 //! Cutting of bodies on the GPU: uploads only what a cut has changed.
 
-use super::elements::GpuElements;
 use super::rigid::GpuRigid;
+use super::terms::GpuDiscretisation;
 use crate::mesh::{Blade, TetCut, TetMesh, Topology, cut, remove};
 use crate::physics::GpuBody;
 use crate::{Error, Result};
@@ -87,7 +87,10 @@ impl GpuBody {
         if cut.removed.is_empty() {
             let node_count = self.nodes.len();
             let follower = (node_count, rest, &self.units);
-            self.springs.apply_cut(&self.gpu, cut, &edges, follower)?;
+            let replaced = self.edges.apply_cut(&self.gpu, cut, &edges, follower)?;
+            if let GpuDiscretisation::Springs(springs) = &mut self.discretisation {
+                springs.apply_cut(&self.gpu, &self.edges, &replaced)?;
+            }
             let mass = |v: &u32| {
                 let v = *v as usize;
                 self.local_mass(self.network.masses[v], self.pinned()[v])
@@ -101,14 +104,17 @@ impl GpuBody {
             }
         } else {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
-            self.springs
+            self.edges
                 .rebuild(&self.gpu, &self.network, &rest, &self.units)?;
+            if let GpuDiscretisation::Springs(springs) = &mut self.discretisation {
+                springs.rebuild(&self.gpu, &self.edges)?;
+            }
         }
         if self.network.elements().is_some() {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
-            let made_of = (&self.springs, &self.units);
-            self.elements = GpuElements::new(&self.gpu, &self.network, &rest, made_of)?;
-            let made_of = (self.elements.as_ref(), &self.units);
+            let with = (&self.edges, &self.units);
+            self.discretisation = GpuDiscretisation::new(&self.gpu, &self.network, &rest, with)?;
+            let made_of = (self.elements(), &self.units);
             let was = self.rigid.is_some();
             self.rigid = GpuRigid::new(&self.gpu, &self.network, made_of)?;
             if was {
