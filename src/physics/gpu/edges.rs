@@ -1,6 +1,6 @@
 //! The edges of a body on the GPU, at their nodes.
 
-use super::sliced_ellpack::{DirectedSpring, Replaced, SlicedEllpack, directed_pair};
+use super::sliced_ellpack::{DirectedEdge, Replaced, SlicedEllpack, directed_pair};
 use crate::Result;
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetCut;
@@ -84,16 +84,16 @@ impl GpuEdges {
         &self,
         cut: &TetCut,
         nodes: usize,
-        new: impl Iterator<Item = (u32, DirectedSpring)>,
-    ) -> Vec<(u32, Vec<DirectedSpring>)> {
+        new: impl Iterator<Item = (u32, DirectedEdge)>,
+    ) -> Vec<(u32, Vec<DirectedEdge>)> {
         let mut touched = vec![false; nodes];
         cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
         // Index of each node's list plus one; 0 if it has none.
         let mut place = vec![0u32; nodes];
-        let mut lists: Vec<(u32, Vec<DirectedSpring>)> = Vec::new();
+        let mut lists: Vec<(u32, Vec<DirectedEdge>)> = Vec::new();
         for (node, directed) in new {
             if place[node as usize] == 0 {
-                let stay: Vec<DirectedSpring> = match touched[node as usize] {
+                let stay: Vec<DirectedEdge> = match touched[node as usize] {
                     true => Vec::new(),
                     false => {
                         let row = self.host.row(node);

@@ -140,7 +140,7 @@ impl GpuElements {
             corners: gpu.array_of("corners", Texel::U32x4, &rows.columns)?,
             edge_rows,
             edge_columns,
-            matrix_texels: BLOCK_TEXELS * kept.springs.len(),
+            matrix_texels: BLOCK_TEXELS * kept.stiffnesses.len(),
             edge_row_of: own.map_or(Vec::new(), |kept| kept.row_of().to_vec()),
             edges: gpu.array_of("edges", Texel::U32x4, &lists.edges)?,
             ends: lists.ends,

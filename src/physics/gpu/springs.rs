@@ -41,7 +41,7 @@ impl GpuSprings {
         (network, damping_time): (&SpringNetwork, f64),
         (edges, units): (&GpuEdges, &LocalUnits),
     ) -> Result<GpuSprings> {
-        let springs = &edges.host_rows().springs;
+        let springs = &edges.host_rows().stiffnesses;
         Ok(GpuSprings {
             rows: edges.rows.clone(),
             columns: edges.columns.clone(),
@@ -58,20 +58,20 @@ impl GpuSprings {
     /// Follows a cut that changed `edges` at the indices `replaced`.
     pub fn apply_cut(&mut self, gpu: &Gpu, edges: &GpuEdges, replaced: &Replaced) -> Result<()> {
         self.resize_arrays(gpu, edges)?;
-        let springs = &edges.host_rows().springs;
-        scatter(gpu, &self.springs, &replaced.springs, springs)
+        let springs = &edges.host_rows().stiffnesses;
+        scatter(gpu, &self.springs, &replaced.stiffnesses, springs)
     }
 
     /// Rebuilds all springs along `edges`.
     pub fn rebuild(&mut self, gpu: &Gpu, edges: &GpuEdges) -> Result<()> {
         self.resize_arrays(gpu, edges)?;
-        gpu.write_array(&self.springs, &edges.host_rows().springs)
+        gpu.write_array(&self.springs, &edges.host_rows().stiffnesses)
     }
 
     /// Takes the arrays of `edges`, which may be new ones, and resizes its own to them.
     fn resize_arrays(&mut self, gpu: &Gpu, edges: &GpuEdges) -> Result<()> {
         (self.rows, self.columns) = (edges.rows.clone(), edges.columns.clone());
-        let len = edges.host_rows().springs.len();
+        let len = edges.host_rows().stiffnesses.len();
         gpu.resize(&mut self.springs, "springs", len)?;
         Ok(())
     }
