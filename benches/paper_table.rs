@@ -104,8 +104,8 @@ fn moving(
     }
     let choice = EngineChoice::Exactly(engine);
     let mut body = choice.build_tets(gpu, mesh.clone(), &material, kind)?;
-    let (rest, springs) = (&body.mesh().nodes, body.spring_pairs().into_iter());
-    let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), springs, DVec3::NEG_Z);
+    let (rest, edges) = (&body.mesh().nodes, body.edge_nodes().into_iter());
+    let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), edges, DVec3::NEG_Z);
     body.pin_nodes(&end.nodes)?;
     body.loads_mut().set_gravity(9.81 * end.load_direction());
     let dt = body.largest_stable_step().map_or(0.01, |limit| 0.5 * limit);

@@ -118,8 +118,8 @@ fn settings(tolerance: f64) -> CgSettings {
 
 /// Clamps one end, and sets transverse gravity.
 fn hold(body: &mut dyn Simulator) -> palpate::Result<()> {
-    let (rest, springs) = (&body.mesh().nodes, body.spring_pairs().into_iter());
-    let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), springs, DVec3::NEG_Z);
+    let (rest, edges) = (&body.mesh().nodes, body.edge_nodes().into_iter());
+    let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), edges, DVec3::NEG_Z);
     body.pin_nodes(&end.nodes)?;
     body.loads_mut().set_gravity(9.81 * end.load_direction());
     Ok(())

@@ -6,41 +6,46 @@ use crate::mesh::{LocalFrame, TET_EDGES, TetMesh};
 use crate::physics::grid::{
     GridModel, GridShape, SPRING_KINDS, SPRING_OFFSETS, isotropic_stiffness,
 };
-use crate::physics::{DiscreteModel, Element, Elements, Material, Spring};
+use crate::physics::{
+    ConstitutiveModel, DiscreteModel, Discretisation, Edge, Element, Elements, Material,
+    SpringNetwork,
+};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// Creates a network of springs with the damping of the fine body.
+/// Creates a body of springs along `edges` with the damping of the fine body.
 fn damped_as(
     fine: &DiscreteModel,
     frame: LocalFrame,
     rest: Vec<DVec3>,
     masses: Vec<f64>,
-    springs: Vec<Spring>,
+    edges: Vec<Edge>,
 ) -> DiscreteModel {
     // A constant κ_d for springs of any length is comparable between mesh resolutions only relative
     // to their stiffness.
-    let total: f64 = fine.springs.iter().map(|s| s.stiffness).sum();
+    let springs = fine.springs().copied().unwrap_or_default();
+    let total: f64 = fine.edges.iter().map(|e| e.stiffness).sum();
     let extra = match total > 0.0 {
-        true => fine.damping * fine.springs.len() as f64 / total,
+        true => springs.damping * fine.edges.len() as f64 / total,
         false => 0.0,
     };
     DiscreteModel {
         rest_positions: rest,
         masses,
-        springs,
-        damping: 0.0,
+        edges,
         damping_time: fine.damping_time + extra,
-        damping_kind: fine.damping_kind,
         frame,
         length_unit: fine.length_unit,
-        ..DiscreteModel::default()
+        discretisation: Discretisation::Springs(SpringNetwork {
+            damping: 0.0,
+            damping_kind: springs.damping_kind,
+        }),
     }
 }
 
-/// Creates tetrahedra over the cells with springs along their edges, and for a body of finite
-/// elements also with elements.
+/// Creates tetrahedra over the cells, with elements for a body of finite elements, and with springs
+/// along their edges otherwise.
 ///
 /// A cell of five tetrahedra has each edge of the cell, and one diagonal of each face. Full cells
 /// are isotropic: edges use κ of [`isotropic_stiffness`], shared by four cells; diagonals use twice
@@ -58,7 +63,7 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
     let unit = fine.length_unit;
     let shares = isotropic_stiffness(cells.spacing * unit, 1.0)?;
     let mut masses = vec![0.0; mesh.nodes.len()];
-    let mut springs: BTreeMap<[u32; 2], f64> = BTreeMap::new();
+    let mut stiffnesses: BTreeMap<[u32; 2], f64> = BTreeMap::new();
     let mut elements = Vec::new();
     for five in mesh.tets.chunks_exact(5) {
         let corner = |v: u32| nodes[v as usize];
@@ -69,9 +74,9 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
             .reduce(|a, b| [0, 1, 2].map(|k| a[k].min(b[k])))
             .unwrap_or_default();
         let content = cells.content(lowest.map(|n| n as i64));
-        if !fine.elements.is_empty() {
+        if let Some(fine) = fine.elements() {
             for tet in five {
-                elements.push(element(&mesh, *tet, content.lame, fine)?);
+                elements.push(element(&mesh, *tet, content.lame, (fine.law, unit))?);
             }
         }
         let mut edges: Vec<[u32; 2]> = five
@@ -95,7 +100,7 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
             let kappa = kind.map_or(0.0, |k| shares[k]);
             let axial = along.iter().filter(|n| **n != 0).count() == 1;
             let share = if axial { 0.25 } else { 1.0 };
-            *springs.entry([a, b]).or_insert(0.0) += share * kappa * content.young;
+            *stiffnesses.entry([a, b]).or_insert(0.0) += share * kappa * content.young;
         }
     }
     let frame = LocalFrame::from_mesh(&mesh);
@@ -104,38 +109,40 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
         .iter()
         .map(|p| (*p - frame.origin) * unit)
         .collect();
-    let springs = springs
+    let edges = stiffnesses
         .into_iter()
         .map(|(nodes, stiffness)| {
             let [a, b] = nodes.map(|v| rest[v as usize]);
-            Spring {
+            Edge {
                 nodes,
                 stiffness,
                 length: a.distance(b),
             }
         })
         .collect();
-    let mut network = damped_as(fine, frame, rest, masses, springs);
-    network.elements = Elements {
-        tets: elements,
-        rigid: Vec::new(),
-        ..fine.elements.clone()
-    };
+    let mut network = damped_as(fine, frame, rest, masses, edges);
+    if let Some(fine) = fine.elements() {
+        network.discretisation = Discretisation::Elements(Elements {
+            tets: elements,
+            rigid: Vec::new(),
+            ..*fine
+        });
+    }
     Ok((mesh, network))
 }
 
-/// Creates an element of `mesh` from Lamé parameters μ and λ, Pa, with the constitutive model of
-/// `fine`.
+/// Creates an element of `mesh` from Lamé parameters μ and λ, Pa, with the constitutive model
+/// `law`; the mesh has the length unit `unit`.
 fn element(
     mesh: &TetMesh,
     tet: [u32; 4],
     [mu, lambda]: [f64; 2],
-    fine: &DiscreteModel,
+    (law, unit): (ConstitutiveModel, f64),
 ) -> Result<Element> {
     let young = mu * (3.0 * lambda + 2.0 * mu) / (lambda + mu);
     let poisson = 0.5 * lambda / (lambda + mu);
-    let corners = tet.map(|v| mesh.nodes[v as usize] * fine.length_unit);
-    Element::new(tet, corners, young, poisson, fine.elements.law).ok_or_else(|| {
+    let corners = tet.map(|v| mesh.nodes[v as usize] * unit);
+    Element::new(tet, corners, young, poisson, law).ok_or_else(|| {
         Error::Mesh(format!(
             "invalid material of a cage cell: Young's modulus {young} Pa, Poisson's ratio {poisson}; reduce the number of cage nodes"
         ))
@@ -203,16 +210,16 @@ pub(super) fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel
     Ok(model)
 }
 
-/// Converts the masses and springs of a grid to a network.
+/// Converts the masses and springs of a grid to a body of springs.
 pub(super) fn network_of(model: &GridModel, fine: &DiscreteModel) -> DiscreteModel {
     let (shape, frame, unit) = (&model.shape, model.frame, model.length_unit);
     let offsets = shape.offsets();
     let lengths = shape.rest_lengths();
-    let mut springs = Vec::new();
+    let mut edges = Vec::new();
     for i in shape.particles() {
         for k in (0..SPRING_KINDS).filter(|k| model.springs[i] >> (2 * k) & 1 == 1) {
             let j = (i as i64 + offsets[k]) as usize;
-            springs.push(Spring {
+            edges.push(Edge {
                 nodes: [i.min(j) as u32, i.max(j) as u32],
                 stiffness: 0.5
                     * (model.stiffness_scales[i] + model.stiffness_scales[j])
@@ -221,9 +228,9 @@ pub(super) fn network_of(model: &GridModel, fine: &DiscreteModel) -> DiscreteMod
             });
         }
     }
-    springs.sort_unstable_by_key(|s| s.nodes);
+    edges.sort_unstable_by_key(|e| e.nodes);
     let rest = (0..shape.regions.len())
         .map(|i| (shape.rest_position(i) - frame.origin) * unit)
         .collect();
-    damped_as(fine, frame, rest, model.masses.clone(), springs)
+    damped_as(fine, frame, rest, model.masses.clone(), edges)
 }

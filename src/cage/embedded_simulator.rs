@@ -81,8 +81,8 @@ impl Simulator for EmbeddedSimulator {
         self.inner.masses()
     }
 
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
-        self.inner.spring_pairs()
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
+        self.inner.edge_nodes()
     }
 
     fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {

@@ -54,7 +54,7 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// Creates cells with about `wanted` corners around `mesh`, which has the masses and springs of
+    /// Creates cells with about `wanted` corners around `mesh`, which has the masses and stiffnesses of
     /// `network`.
     pub fn cover(mesh: &TetMesh, network: &DiscreteModel, wanted: usize) -> Result<Cells> {
         let volume = mesh.volume().abs();
@@ -205,44 +205,46 @@ impl Cells {
 fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sample>> {
     let unit = network.length_unit;
     let volume = |t: usize| mesh.tet_volume(t).abs() * unit.powi(3);
-    let springs = &network.springs;
-    let spring_of = |a: u32, b: u32| {
+    let edge_of = |a: u32, b: u32| {
         let nodes = [a.min(b), a.max(b)];
-        springs.binary_search_by_key(&nodes, |s| s.nodes).ok()
+        network.edges.binary_search_by_key(&nodes, |e| e.nodes).ok()
     };
-    // A spring has κ = E ΣV / L² of its incident tetrahedra; κ L² is distributed to them by volume,
+    // An edge has κ = E ΣV / L² of its incident tetrahedra; κ L² is distributed to them by volume,
     // and so is the mass of nodes.
-    let mut around_spring = vec![0.0; springs.len()];
+    let mut around_edge = vec![0.0; network.edges.len()];
     let mut around_node = vec![0.0; mesh.nodes.len()];
     let edges = |t: usize| {
         let tet = mesh.tets[t];
-        TET_EDGES.map(|[a, b]| spring_of(tet[a], tet[b]))
+        TET_EDGES.map(|[a, b]| edge_of(tet[a], tet[b]))
     };
     for t in 0..mesh.tets.len() {
-        for s in edges(t).into_iter().flatten() {
-            around_spring[s] += volume(t);
+        for e in edges(t).into_iter().flatten() {
+            around_edge[e] += volume(t);
         }
         for v in mesh.tets[t] {
             around_node[v as usize] += volume(t);
         }
     }
     let mut samples = Vec::new();
-    let law = network.elements.law;
-    let mut elements = network.elements.tets.iter().peekable();
+    let law = network.elements().map(|elements| elements.law);
+    let mut elements = network.tets().iter().peekable();
     for t in 0..mesh.tets.len() {
         let own = volume(t);
         // Elements are in the order of the mesh's tetrahedra, some of which may have none.
         let element = elements.next_if(|e| e.nodes == mesh.tets[t]);
-        let lame = element.map_or([0.0; 2], |e| e.small_strain(law).map(|l| l * own));
+        let lame = match (element, law) {
+            (Some(e), Some(law)) => e.small_strain(law).map(|l| l * own),
+            _ => [0.0; 2],
+        };
         if own <= 0.0 {
             continue;
         }
         let stiffness: f64 = edges(t)
             .into_iter()
             .flatten()
-            .map(|s| {
-                let spring = &springs[s];
-                spring.stiffness * spring.length.powi(2) * own / around_spring[s] / 6.0
+            .map(|e| {
+                let edge = &network.edges[e];
+                edge.stiffness * edge.length.powi(2) * own / around_edge[e] / 6.0
             })
             .sum();
         let mass: f64 = mesh.tets[t]

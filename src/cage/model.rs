@@ -99,8 +99,7 @@ pub struct Cage {
 }
 
 impl Cage {
-    /// Creates a cage of about `nodes` nodes around `mesh`, a body with the masses and springs or
-    /// elements of `network`.
+    /// Creates a cage of about `nodes` nodes around `mesh`, a body with the model `network`.
     ///
     /// # Errors
     /// [`Error::Input`] for an invalid number of nodes, rigid regions, or a grid cage around a body
@@ -118,13 +117,13 @@ impl Cage {
                 NODES.end()
             )));
         }
-        if !network.elements.rigid.is_empty() {
+        if !network.rigid_bodies().is_empty() {
             return Err(Error::Input(
                 "a cage does not support rigid regions; make them elastic, or simulate the body without a cage"
                     .into(),
             ));
         }
-        if kind == CageKind::Grid && !network.elements.is_empty() {
+        if kind == CageKind::Grid && network.elements().is_some() {
             return Err(Error::Input(
                 "a cage of kind \"grid\" needs a body of springs; use springs, or a cage of kind \"lattice\""
                     .into(),
@@ -269,11 +268,13 @@ impl Cage {
         if !VALID_STIFFNESS_SCALE.contains(&factor) {
             return Ok(1.0);
         }
-        for spring in &mut self.network.springs {
-            spring.stiffness *= factor;
+        for edge in &mut self.network.edges {
+            edge.stiffness *= factor;
         }
-        for element in &mut self.network.elements.tets {
-            element.lame_parameters = element.lame_parameters.map(|l| l * factor);
+        if let Some(elements) = self.network.elements_mut() {
+            for element in &mut elements.tets {
+                element.lame_parameters = element.lame_parameters.map(|l| l * factor);
+            }
         }
         if let Some(grid) = &mut self.grid {
             grid.stiffness = grid.stiffness.map(|k| k * factor);

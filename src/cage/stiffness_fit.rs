@@ -1,7 +1,7 @@
 //! Linear static compliance of a body under loads, in float64 for small displacements.
 
 use crate::parallel;
-use crate::physics::{DiscreteModel, Element};
+use crate::physics::{DiscreteModel, Discretisation, Element, Elements};
 use glam::{DMat3, DVec3};
 
 /// Maximum iterations of conjugate gradients.
@@ -14,8 +14,8 @@ const LOAD_ESTIMATE_TOLERANCE: f64 = 1e-3;
 /// One list per load case: loads, N, or displacements, m.
 pub(super) type LoadCases = Vec<Vec<DVec3>>;
 
-/// Upper bound of the spring stiffness within rigid bodies, relative to the mean spring of
-/// deformable parts: limits the condition number for conjugate gradients.
+/// Upper bound of the edge stiffness within rigid bodies, relative to the mean edge of deformable
+/// parts: limits the condition number for conjugate gradients.
 const RIGID: f64 = 100.0;
 
 /// Returns the weight of a body at 1 m/s² along each axis.
@@ -46,15 +46,15 @@ impl<'a> ConstrainedNetwork<'a> {
         let count = network.rest_positions.len();
         let mut rows = vec![Vec::new(); count];
         let mut blocks = vec![DMat3::ZERO; count];
-        let edges = match network.elements.is_empty() {
-            true => edges_of_springs(network),
-            false => edges_of_elements(network),
+        let edges = match &network.discretisation {
+            Discretisation::Springs(_) => blocks_of_springs(network),
+            Discretisation::Elements(elements) => blocks_of_elements(network, elements),
         };
-        for (e, (spring, b)) in network.springs.iter().zip(&edges).enumerate() {
+        for (e, (edge, b)) in network.edges.iter().zip(&edges).enumerate() {
             if *b == DMat3::ZERO {
                 continue;
             }
-            let [i, j] = spring.nodes.map(|v| v as usize);
+            let [i, j] = edge.nodes.map(|v| v as usize);
             rows[i].push((j as u32, e as u32));
             rows[j].push((i as u32, e as u32));
             blocks[i] += *b;
@@ -185,63 +185,63 @@ impl<'a> ConstrainedNetwork<'a> {
 }
 
 /// Returns κ n nᵀ of each spring.
-fn edges_of_springs(network: &DiscreteModel) -> Vec<DMat3> {
-    parallel::map(network.springs.len(), |s| spring_edge(network, s, f64::MAX))
+fn blocks_of_springs(network: &DiscreteModel) -> Vec<DMat3> {
+    parallel::map(network.edges.len(), |e| axial_block(network, e, f64::MAX))
 }
 
-/// Returns κ n nᵀ of a spring, with κ limited to `most`.
-fn spring_edge(network: &DiscreteModel, s: usize, most: f64) -> DMat3 {
-    let spring = &network.springs[s];
-    let [a, b] = spring.nodes.map(|v| network.rest_positions[v as usize]);
+/// Returns κ n nᵀ of an edge, with κ limited to `most`.
+fn axial_block(network: &DiscreteModel, e: usize, most: f64) -> DMat3 {
+    let edge = &network.edges[e];
+    let [a, b] = edge.nodes.map(|v| network.rest_positions[v as usize]);
     let along = (b - a).normalize_or_zero();
-    outer(along, along) * spring.stiffness.clamp(0.0, most)
+    outer(along, along) * edge.stiffness.clamp(0.0, most)
 }
 
 /// Returns the negative off-diagonal blocks of linear elasticity at rest; the diagonal block of a
-/// node is the sum of those of its edges. Rigid bodies are represented by stiff springs.
-fn edges_of_elements(network: &DiscreteModel) -> Vec<DMat3> {
-    let springs = &network.springs;
-    let mut edges = vec![DMat3::ZERO; springs.len()];
-    let mut soft = vec![false; springs.len()];
-    for element in &network.elements.tets {
-        let stiffness = stiffness(element, network);
+/// node is the sum of those of its edges. Rigid bodies are represented by the axial stiffness of
+/// their edges.
+fn blocks_of_elements(network: &DiscreteModel, elements: &Elements) -> Vec<DMat3> {
+    let edges = &network.edges;
+    let mut blocks = vec![DMat3::ZERO; edges.len()];
+    let mut soft = vec![false; edges.len()];
+    for element in &elements.tets {
+        let stiffness = stiffness(element, elements);
         for (a, va) in element.nodes.iter().enumerate() {
             for (b, vb) in element.nodes.iter().enumerate().filter(|(_, vb)| va < vb) {
-                let found = springs.binary_search_by_key(&[*va, *vb], |s| s.nodes);
+                let found = edges.binary_search_by_key(&[*va, *vb], |e| e.nodes);
                 if let Ok(e) = found {
-                    edges[e] -= stiffness(a, b);
+                    blocks[e] -= stiffness(a, b);
                     soft[e] = true;
                 }
             }
         }
     }
-    if network.elements.rigid.is_empty() {
-        return edges;
+    if elements.rigid.is_empty() {
+        return blocks;
     }
     let count = soft.iter().filter(|s| **s).count().max(1);
-    let (all, flags) = (springs.iter(), soft.iter());
+    let (all, flags) = (edges.iter(), soft.iter());
     let sum: f64 = all
         .zip(flags)
-        .map(|(s, soft)| if *soft { s.stiffness } else { 0.0 })
+        .map(|(e, soft)| if *soft { e.stiffness } else { 0.0 })
         .sum();
     let most = RIGID * sum / count as f64;
     let mut body = vec![usize::MAX; network.rest_positions.len()];
-    for (k, rigid) in network.elements.rigid.iter().enumerate() {
+    for (k, rigid) in elements.rigid.iter().enumerate() {
         rigid.nodes.iter().for_each(|v| body[*v as usize] = k);
     }
-    for (e, spring) in springs.iter().enumerate() {
-        let [a, b] = spring.nodes.map(|v| body[v as usize]);
+    for (e, edge) in edges.iter().enumerate() {
+        let [a, b] = edge.nodes.map(|v| body[v as usize]);
         if a != usize::MAX && a == b {
-            edges[e] = spring_edge(network, e, most);
+            blocks[e] = axial_block(network, e, most);
         }
     }
-    edges
+    blocks
 }
 
 /// Returns K_ab of a tetrahedron at rest, N/m: V (μ (g_a·g_b I + g_b g_aᵀ) + λ g_a g_bᵀ); with
 /// nodal averaging of volumes, only with the per-tetrahedron part of λ.
-fn stiffness(element: &Element, network: &DiscreteModel) -> impl Fn(usize, usize) -> DMat3 {
-    let elements = &network.elements;
+fn stiffness(element: &Element, elements: &Elements) -> impl Fn(usize, usize) -> DMat3 {
     let [mu, lambda] = element.small_strain(elements.law);
     let lambda = lambda - elements.averaged_lambda(element);
     let (gradients, volume) = (element.gradients(), element.volume);

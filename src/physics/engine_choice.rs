@@ -95,11 +95,11 @@ impl EngineChoice {
         })
     }
 
-    /// As [`EngineChoice::build_tets`], with given masses and springs and the tolerances of the
+    /// As [`EngineChoice::build_tets`], with a given model and the tolerances of the
     /// linear solves.
     ///
     /// # Errors
-    /// As [`EngineChoice::build_tets`], and [`Error::Input`] if the springs do not match the mesh.
+    /// As [`EngineChoice::build_tets`], and [`Error::Input`] if the model does not match the mesh.
     pub fn build_tets_from_model(
         self,
         gpu: &Gpu,
@@ -111,9 +111,10 @@ impl EngineChoice {
             return rapier(gpu, (mesh, network), (kind, settings));
         }
         // Models supported by one engine only use that engine, unless the other was requested.
-        let elements = &network.elements;
-        let of_cpu = SolverKind::ELEMENT_ONLY.contains(&kind)
-            || elements.volume == VolumetricFormulation::NodalAveraged;
+        let averaged = network
+            .elements()
+            .is_some_and(|elements| elements.volume == VolumetricFormulation::NodalAveraged);
+        let of_cpu = SolverKind::ELEMENT_ONLY.contains(&kind) || averaged;
         if of_cpu && self == EngineChoice::Auto || self.resolve(gpu) == Engine::Cpu {
             let body = CpuTets::of_network(
                 gpu,

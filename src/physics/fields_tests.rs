@@ -189,7 +189,7 @@ fn averaged_volumes_enter_stress_and_energy() {
         networks[0].rest_positions.iter().map(moved).collect()
     };
     let values = |network: &DiscreteModel, field: BodyField, x: &[DVec3]| -> Vec<f64> {
-        let elements = &network.elements;
+        let elements = network.elements().unwrap();
         let shared = match field {
             BodyField::EnergyDensity => elements.averaged_energy_densities(x),
             _ => elements.averaged_pressures(x),
@@ -222,7 +222,7 @@ fn averaged_volumes_enter_stress_and_energy() {
     }
     let x = places(0.5);
     for network in &networks {
-        let elements = &network.elements;
+        let elements = network.elements().unwrap();
         let densities = values(network, BodyField::EnergyDensity, &x);
         let each = densities.iter().zip(&elements.tets);
         let sum: f64 = each.map(|(density, e)| density * e.volume).sum();

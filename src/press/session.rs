@@ -319,7 +319,7 @@ fn quasi_static_step(motion: &Motion) -> f64 {
 /// Returns Poisson's ratio of a tet at small strain; `None` for springs and rigid regions.
 fn poisson_of_tet(motion: &Motion, tet: u32) -> Option<f64> {
     let nodes = motion.simulator.mesh().tets.get(tet as usize)?;
-    let elements = &motion.simulator.model()?.elements;
+    let elements = motion.simulator.model()?.elements()?;
     let element = elements.tets.iter().find(|e| e.nodes == *nodes)?;
     let [mu, lambda] = element.small_strain(elements.law);
     // Without the rounding of λ and μ.

@@ -189,7 +189,7 @@ impl Scene {
         ClampedEnd::of_largest_component(
             rest,
             masses,
-            simulator.spring_pairs().into_iter(),
+            simulator.edge_nodes().into_iter(),
             self.down(),
         )
     }

@@ -9,8 +9,8 @@ use crate::mesh::TetMesh;
 use crate::number_format::significant;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
-    Capability, CgSettings, DiscreteModel, Engine, EngineChoice, Floor, Material,
-    SelfContactSettings, Simulator, SolverKind, largest_stable_step, safe_step_ratio,
+    Capability, CgSettings, DiscreteModel, Discretisation, Elements, Engine, EngineChoice, Floor,
+    Material, SelfContactSettings, Simulator, SolverKind, largest_stable_step, safe_step_ratio,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -159,9 +159,9 @@ pub(super) fn stable_damping(undamped: &DiscreteModel, kind: SolverKind) -> Opti
         0.05
     };
     let damping = share * limit;
-    let flags = match undamped.elements.is_empty() {
-        true => "--damping",
-        false => "--damping-ratio and --damping-hz",
+    let flags = match undamped.discretisation {
+        Discretisation::Springs(_) => "--damping",
+        Discretisation::Elements(_) => "--damping-ratio and --damping-hz",
     };
     let note = format!(
         "damping {damping:.2e} s × stiffness, chosen for the stability of {kind}; override with {flags}"
@@ -172,7 +172,7 @@ pub(super) fn stable_damping(undamped: &DiscreteModel, kind: SolverKind) -> Opti
 /// Returns notes of the rigid regions, and a warning of regions that form one rigid body only
 /// because they share nodes.
 fn rigid_notes(mesh: &TetMesh, network: &DiscreteModel) -> Vec<String> {
-    let bodies = &network.elements.rigid;
+    let bodies = network.rigid_bodies();
     if bodies.is_empty() {
         return Vec::new();
     }
@@ -226,7 +226,7 @@ impl Scene {
         }
         let network = DiscreteModel::new(&mesh, &material)?;
         notes.extend(rigid_notes(&mesh, &network));
-        let contrast = network.elements.stiffness_ratio();
+        let contrast = network.elements().map_or(1.0, Elements::stiffness_ratio);
         let simulator = self.simulator_of(gpu, mesh, network, &material, kind)?;
         if kind.is_implicit() && simulator.engine() == Engine::Gpu && contrast >= GPU_CONTRAST {
             notes.push(format!(

@@ -401,22 +401,22 @@ impl Candidates for MotionSearch<'_> {
     }
 }
 
-/// Returns the visits of springs (and of element edges) in the last steps, in millions per step.
+/// Returns the visits of edges (of springs and elements) in the last steps, in millions per step.
 fn visits(motion: &Motion) -> Result<f64> {
     let simulator = motion.simulator.as_ref();
     let simulator = simulator.coarse_body().unwrap_or(simulator);
-    let springs = simulator.spring_pairs().len() as f64;
+    let edges = simulator.edge_nodes().len() as f64;
     // Elements are evaluated a few times a step, six edges each; solver iterations traverse edges.
-    let elements = simulator.model().map_or(0, |n| n.elements.tets.len());
+    let elements = simulator.model().map_or(0, |n| n.tets().len());
     let elements = 6.0 * EVALUATIONS * elements as f64;
     let last = simulator.iterations()?;
     let last = &last[last.len().saturating_sub(PROBE_STEPS as usize)..];
     if simulator.model().is_none() && last.is_empty() {
-        return Ok(2e-6 * (springs + elements));
+        return Ok(2e-6 * (edges + elements));
     }
     let iterations: u32 = last.iter().sum();
     let each = 3.0 + f64::from(iterations) / last.len().max(1) as f64;
-    Ok(2e-6 * (springs * each + elements))
+    Ok(2e-6 * (edges * each + elements))
 }
 
 /// Σ |a − b|².

@@ -344,16 +344,16 @@ fn blade(x: f64) -> Blade {
 fn crossings(stage: &Stage, x: f64) -> usize {
     let (low, high) = (|p: DVec3| p.x < x - 1e-6, |p: DVec3| p.x > x + 1e-6);
     let simulator = &stage.motion().unwrap().simulator;
-    let springs = simulator.spring_pairs();
+    let edges = simulator.edge_nodes();
     if simulator.model().is_none() {
-        let places = springs
+        let places = edges
             .iter()
             .map(|ends| ends.map(|i| stage.mesh().nodes[i as usize]));
         return places
             .filter(|[a, b]| low(*a) && high(*b) || high(*a) && low(*b))
             .count();
     }
-    // A tet body is cut along faces: no spring connects its two components.
+    // A tet body is cut along faces: no edge connects its two components.
     let (piece, count) = components(&Topology::new(stage.mesh()));
     assert_eq!(count, 2);
     let mut pieces = vec![BTreeSet::new(); stage.mesh().nodes.len()];
@@ -363,7 +363,7 @@ fn crossings(stage: &Stage, x: f64) -> usize {
         });
     }
     let apart = |s: &&[u32; 2]| pieces[s[0] as usize] != pieces[s[1] as usize];
-    springs.iter().filter(apart).count()
+    edges.iter().filter(apart).count()
 }
 
 fn cut(gpu: &Gpu, body: Body) -> Vec<Number> {

@@ -43,16 +43,16 @@ impl Simulator for MultiBody {
         &self.masses
     }
 
-    /// Excludes the springs of cages.
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
-        let mut springs = Vec::new();
+    /// Excludes the edges of cages.
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
+        let mut edges = Vec::new();
         for (member, places) in self.members.iter().zip(&self.whole.node_map) {
             if member.simulator.coarse_body().is_none() {
-                let own = member.simulator.spring_pairs().into_iter();
-                springs.extend(own.map(|s| s.map(|v| places[v as usize])));
+                let own = member.simulator.edge_nodes().into_iter();
+                edges.extend(own.map(|ends| ends.map(|v| places[v as usize])));
             }
         }
-        springs
+        edges
     }
 
     fn members(&self) -> &[Member] {

@@ -1,15 +1,16 @@
-//! A deformable body: a mesh's nodes and springs on the GPU.
+//! A deformable body: a mesh's nodes, edges and elements on the GPU.
 
 use super::contact::GpuContact;
-use super::elements::GpuElements;
+use super::edges::GpuEdges;
 use super::grab_lists::GrabLists;
 use super::rigid::GpuRigid;
-use super::springs::GpuSprings;
+use super::terms::GpuDiscretisation;
 use crate::gpu::{Array, Gpu, Texel};
 use crate::mesh::TetMesh;
 use crate::physics::loads::grab::{GrabId, GrabMode};
 use crate::physics::loads::{LoadVersions, Loads};
-use crate::physics::model::discrete_model::{DiscreteModel, Spring};
+use crate::physics::model::discrete_model::DiscreteModel;
+use crate::physics::model::discretisation::Edge;
 use crate::physics::model::material::Material;
 use crate::physics::model::node_term::NodeTerm;
 use crate::physics::model::units::LocalUnits;
@@ -31,7 +32,7 @@ pub(in crate::physics) struct ChangeCounter {
     pub any: u64,
 }
 
-/// A mesh made of a material, on the GPU: state, masses, springs, forces.
+/// A mesh made of a material, on the GPU: state, masses, edges, forces.
 ///
 /// Node i of the mesh is item i of every array. The interface uses file units for positions, file
 /// units per second for velocities, and newtons for forces. Changes take effect with the next step.
@@ -46,9 +47,9 @@ pub struct GpuBody {
     pub(in crate::physics) masses: Array,
     /// External forces, N.
     pub(in crate::physics) external: Array,
-    pub(in crate::physics) springs: GpuSprings,
-    /// Finite elements that replace the springs, if any.
-    pub(in crate::physics) elements: Option<GpuElements>,
+    pub(in crate::physics) edges: GpuEdges,
+    /// The springs or finite elements.
+    pub(in crate::physics) discretisation: GpuDiscretisation,
     /// Rigid regions, if any.
     pub(in crate::physics) rigid: Option<GpuRigid>,
     /// Tools and the boundary they press on, if any.
@@ -82,8 +83,8 @@ impl GpuBody {
         GpuBody::from_model(gpu, mesh, network, material)
     }
 
-    /// As [`GpuBody::new`], with given masses and springs, for example those of a cage. A cut
-    /// computes the new springs along it from `material`.
+    /// As [`GpuBody::new`], with a given model, for example that of a cage. A cut computes
+    /// the new edges along it from `material`.
     ///
     /// # Errors
     /// [`Error::Input`] if `network` does not match `mesh`; otherwise as [`GpuBody::new`].
@@ -94,11 +95,11 @@ impl GpuBody {
         material: &Material,
     ) -> Result<GpuBody> {
         let count = mesh.nodes.len();
-        let strange = |s: &Spring| s.nodes.iter().any(|v| *v as usize >= count);
+        let strange = |e: &Edge| e.nodes.iter().any(|v| *v as usize >= count);
         let fits = network.rest_positions.len() == count && network.masses.len() == count;
-        let corners = network.elements.tets.iter().flat_map(|e| e.nodes);
+        let corners = network.tets().iter().flat_map(|e| e.nodes);
         let fits = fits && corners.max().is_none_or(|v| (v as usize) < count);
-        if !fits || network.springs.iter().any(strange) {
+        if !fits || network.edges.iter().any(strange) {
             return Err(Error::Input(format!(
                 "the model, with masses of {} nodes, does not match the mesh of {count} nodes",
                 network.masses.len()
@@ -108,9 +109,9 @@ impl GpuBody {
         let nodes = NodePositions::new(gpu, mesh)?;
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
-        let springs = GpuSprings::new(gpu, &network, &rest, &units)?;
-        let elements = GpuElements::new(gpu, &network, &rest, (&springs, &units))?;
-        let rigid = GpuRigid::new(gpu, &network, (elements.as_ref(), &units))?;
+        let edges = GpuEdges::new(gpu, &network, &rest, &units)?;
+        let discretisation = GpuDiscretisation::new(gpu, &network, &rest, (&edges, &units))?;
+        let rigid = GpuRigid::new(gpu, &network, (discretisation.elements(), &units))?;
         let mut body = GpuBody {
             loads: Loads::new(nodes.len(), frame, network.length_unit),
             uploaded_loads: None,
@@ -120,8 +121,8 @@ impl GpuBody {
             velocities: gpu.array_with_headroom("velocities", Texel::F32x4, nodes.len())?,
             masses: gpu.array_with_headroom("masses", Texel::F32x2, nodes.len())?,
             external: gpu.array_with_headroom("external forces", Texel::F32x4, nodes.len())?,
-            springs,
-            elements,
+            edges,
+            discretisation,
             rigid,
             contact: None,
             nodes,
@@ -148,7 +149,7 @@ impl GpuBody {
         &self.nodes
     }
 
-    /// Masses, springs and elements in float64.
+    /// The model in float64.
     pub fn network(&self) -> &DiscreteModel {
         &self.network
     }
@@ -173,7 +174,7 @@ impl GpuBody {
         let (frame, unit) = self.loads.frame_and_unit();
         let all = self.terms.iter().chain([&term]);
         let numbers: Vec<[f32; 4]> = all
-            .flat_map(|t| t.gpu_parameters(&frame, &self.units, unit))
+            .flat_map(|t| t.shader_parameters(&frame, &self.units, unit))
             .collect();
         self.node_terms = Some(self.gpu.buffer_of("node term parameters", &numbers)?);
         self.terms.push(term);
@@ -182,7 +183,7 @@ impl GpuBody {
         Ok(())
     }
 
-    /// The energy terms besides the springs.
+    /// The energy terms besides the springs or elements.
     pub fn terms(&self) -> &[Arc<dyn NodeTerm>] {
         &self.terms
     }

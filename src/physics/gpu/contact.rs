@@ -465,7 +465,7 @@ impl GpuBody {
         faces: &[[u32; 3]],
     ) -> Result<()> {
         self.check_tools()?;
-        let Some(elements) = &self.elements else {
+        let Some(elements) = self.elements() else {
             return Ok(());
         };
         let of = (&self.network, elements, &self.units);

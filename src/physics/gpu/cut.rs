@@ -1,7 +1,7 @@
 //! Cutting of bodies on the GPU: uploads only what a cut has changed.
 
-use super::elements::GpuElements;
 use super::rigid::GpuRigid;
+use super::terms::GpuDiscretisation;
 use crate::mesh::{Blade, TetCut, TetMesh, Topology, cut, remove};
 use crate::physics::GpuBody;
 use crate::{Error, Result};
@@ -13,8 +13,8 @@ impl GpuBody {
     /// submitted work and reads positions and velocities back.
     ///
     /// Duplicated nodes take position, velocity and pin of their original, and share its mass and
-    /// external force according to the tets on either side, which conserves mass and momentum. New
-    /// edges get springs. Solvers restart from positions and velocities with the next step; a
+    /// external force according to the tets on either side, which conserves mass and momentum. Springs
+    /// follow the new edges. Solvers restart from positions and velocities with the next step; a
     /// `Geometry` or `Surface` that draws the body must be updated too. A blade that hits nothing
     /// changes nothing, see [`TetCut::is_empty`].
     ///
@@ -75,7 +75,7 @@ impl GpuBody {
         if cut.is_empty() {
             return self.check_mesh(mesh);
         }
-        let springs = self.network.apply_cut(mesh, &self.material, cut)?;
+        let edges = self.network.apply_cut(mesh, &self.material, cut)?;
         // Pins and releases that are not yet uploaded are sent together with the next step.
         let held = self.loads.versions.constraints;
         let known = self
@@ -87,7 +87,10 @@ impl GpuBody {
         if cut.removed.is_empty() {
             let node_count = self.nodes.len();
             let follower = (node_count, rest, &self.units);
-            self.springs.apply_cut(&self.gpu, cut, &springs, follower)?;
+            let replaced = self.edges.apply_cut(&self.gpu, cut, &edges, follower)?;
+            if let GpuDiscretisation::Springs(springs) = &mut self.discretisation {
+                springs.apply_cut(&self.gpu, &self.edges, &replaced)?;
+            }
             let mass = |v: &u32| {
                 let v = *v as usize;
                 self.local_mass(self.network.masses[v], self.pinned()[v])
@@ -101,14 +104,17 @@ impl GpuBody {
             }
         } else {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
-            self.springs
+            self.edges
                 .rebuild(&self.gpu, &self.network, &rest, &self.units)?;
+            if let GpuDiscretisation::Springs(springs) = &mut self.discretisation {
+                springs.rebuild(&self.gpu, &self.edges)?;
+            }
         }
-        if !self.network.elements.is_empty() {
+        if self.network.elements().is_some() {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
-            let made_of = (&self.springs, &self.units);
-            self.elements = GpuElements::new(&self.gpu, &self.network, &rest, made_of)?;
-            let made_of = (self.elements.as_ref(), &self.units);
+            let with = (&self.edges, &self.units);
+            self.discretisation = GpuDiscretisation::new(&self.gpu, &self.network, &rest, with)?;
+            let made_of = (self.elements(), &self.units);
             let was = self.rigid.is_some();
             self.rigid = GpuRigid::new(&self.gpu, &self.network, made_of)?;
             if was {

@@ -5,13 +5,13 @@
 //! forces of a node sums them through rows of the corners at each node.
 
 use super::contact::GpuContact;
+use super::edges::GpuEdges;
 use super::sliced_ellpack::SlicedEllpack;
-use super::springs::GpuSprings;
 use super::terms::{GpuTerm, ProgramPart};
 use crate::gpu::{Array, Gpu, Pass, PassBuilder, Texel};
 use crate::physics::model::discrete_model::DiscreteModel;
 use crate::physics::model::units::LocalUnits;
-use crate::physics::{ConstitutiveModel, VolumetricFormulation};
+use crate::physics::{ConstitutiveModel, Elements, VolumetricFormulation};
 use crate::{Error, Result};
 use glam::Vec3;
 use std::collections::BTreeMap;
@@ -67,8 +67,7 @@ pub(in crate::physics) struct GpuElements {
     rest: Array,
     rows: Array,
     corners: Array,
-    /// Rows of the edges: those of the springs (the mesh edges), or with rigid bodies those of the
-    /// elements.
+    /// Rows of the edges: those of the mesh, or with rigid bodies those of the elements.
     edge_rows: Array,
     edge_columns: Array,
     matrix_texels: usize,
@@ -95,18 +94,14 @@ struct Lists {
 }
 
 impl GpuElements {
-    /// The elements of `network`, whose nodes rest at the local positions `rest` and whose edges
-    /// are `springs`; `None` if it has no elements.
+    /// `elements`, those of `network`, whose nodes rest at the local positions `rest` and whose
+    /// edges are `mesh_edges`.
     pub fn new(
         gpu: &Gpu,
-        network: &DiscreteModel,
+        (network, elements): (&DiscreteModel, &Elements),
         rest: &[Vec3],
-        (springs, units): (&GpuSprings, &LocalUnits),
-    ) -> Result<Option<GpuElements>> {
-        let elements = &network.elements;
-        if elements.is_empty() {
-            return Ok(None);
-        }
+        (mesh_edges, units): (&GpuEdges, &LocalUnits),
+    ) -> Result<GpuElements> {
         if elements.volume == VolumetricFormulation::NodalAveraged {
             return Err(Error::Input(
                 "averaged volumes are supported on the CPU only; use the engine cpu or auto (--engine), or the volume per-tet (--volume)".into(),
@@ -124,18 +119,18 @@ impl GpuElements {
             false => Some(edges_of(network)?),
         };
         let (edge_rows, edge_columns) = match &own {
-            None => (springs.rows.clone(), springs.columns.clone()),
+            None => (mesh_edges.rows.clone(), mesh_edges.columns.clone()),
             Some(kept) => (
                 gpu.array_of("edge rows", Texel::U32x4, &kept.rows)?,
                 gpu.array_of("edges of nodes", Texel::U32x4, &kept.columns)?,
             ),
         };
-        let kept = own.as_ref().unwrap_or(springs.host_rows());
+        let kept = own.as_ref().unwrap_or(mesh_edges.host_rows());
         let lists = Lists::new(network, kept, units)?;
         let rows = SlicedEllpack::from_lists(&lists.corners, Some(4 * count as u32))?;
         let places: Vec<[f32; 4]> = rest.iter().map(|x| x.extend(0.0).to_array()).collect();
         let array = |label: &str, len| gpu.array(label, Texel::F32x4, len);
-        Ok(Some(GpuElements {
+        Ok(GpuElements {
             law: elements.law,
             count: count as u32,
             tets: gpu.array_of("tets", Texel::U32x4, &lists.tets)?,
@@ -145,7 +140,7 @@ impl GpuElements {
             corners: gpu.array_of("corners", Texel::U32x4, &rows.columns)?,
             edge_rows,
             edge_columns,
-            matrix_texels: BLOCK_TEXELS * kept.springs.len(),
+            matrix_texels: BLOCK_TEXELS * kept.stiffnesses.len(),
             edge_row_of: own.map_or(Vec::new(), |kept| kept.row_of().to_vec()),
             edges: gpu.array_of("edges", Texel::U32x4, &lists.edges)?,
             ends: lists.ends,
@@ -157,7 +152,7 @@ impl GpuElements {
                 _pad0: 0,
             },
             damping_time: (network.damping_time / units.time) as f32,
-        }))
+        })
     }
 
     /// α of the force −α m v on every node, in local units.
@@ -317,7 +312,7 @@ impl GpuTerm for GpuElements {
 /// The directed edges of the elements of `network`, in sliced ELLPACK.
 fn edges_of(network: &DiscreteModel) -> Result<SlicedEllpack> {
     let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); network.rest_positions.len()];
-    for element in &network.elements.tets {
+    for element in network.tets() {
         for i in element.nodes {
             let others = element.nodes.iter().filter(|j| **j != i);
             neighbours[i as usize].extend(others);
@@ -342,7 +337,7 @@ impl Lists {
         };
         // Each edge with its incident tets: tet number and local corners of the two ends.
         let mut edges: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
-        for (e, element) in network.elements.tets.iter().enumerate() {
+        for (e, element) in network.tets().iter().enumerate() {
             let e = e as u32;
             lists.tets.push(element.nodes);
             let [_, gradients @ ..] = element.gradients();

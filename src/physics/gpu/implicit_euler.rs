@@ -86,7 +86,7 @@ impl Integrator for ImplicitEulerScheme {
                 Texel::F32x4,
                 body.material_term().matrix_texels(),
             )?,
-            start: match &body.elements {
+            start: match body.elements() {
                 Some(elements) => Some(InitialState::new(core, elements)?),
                 None => None,
             },
@@ -116,7 +116,7 @@ impl Integrator for ImplicitEulerScheme {
             "matrix",
             body.material_term().matrix_texels(),
         )?;
-        if let Some(elements) = &body.elements {
+        if let Some(elements) = body.elements() {
             self.start = Some(InitialState::new(core, elements)?);
         }
         gpu.resize(&mut self.preconditioner, "preconditioner", blocks(body))?;
@@ -146,7 +146,7 @@ impl Integrator for ImplicitEulerScheme {
         let pushed = self.contact_context(core, body, timing);
         let (mut before, mut after_restart, mut keep) = (Vec::new(), None, None);
         let tied = self.rigid_context(core, body, timing);
-        if let (Some(start), Some(elements)) = (&self.start, &body.elements) {
+        if let (Some(start), Some(elements)) = (&self.start, body.elements()) {
             before = match &pushed {
                 Some((steps, with)) => {
                     let picked = start.select_passes(core, body, elements, (timing.dt, tied))?;
@@ -278,7 +278,7 @@ impl ImplicitEulerScheme {
         let with = ContactContext {
             core,
             body,
-            elements: body.elements.as_ref()?,
+            elements: body.elements()?,
             contact: body.contact.as_ref()?,
             start: self.start.as_ref()?,
             dt: timing.dt,
@@ -309,7 +309,7 @@ impl ImplicitEulerScheme {
         let parts = RigidContext {
             core,
             body,
-            elements: body.elements.as_ref()?,
+            elements: body.elements()?,
             rigid: body.rigid.as_ref()?,
             dt: timing.dt,
             drag: mass_damping_step(body, timing),

@@ -76,7 +76,7 @@ pub(super) fn rhs_offset(body: &GpuBody) -> u32 {
 
 /// h α of the damping force −α m v on every node.
 pub(super) fn mass_damping_step(body: &GpuBody, timing: Timing) -> f32 {
-    let elements = body.elements.as_ref();
+    let elements = body.elements();
     elements.map_or(0.0, |elements| timing.dt * elements.mass_damping())
 }
 

@@ -5,6 +5,7 @@ pub(super) mod contact;
 #[cfg(test)]
 pub(super) mod contact_tests;
 pub(super) mod cut;
+pub(super) mod edges;
 pub(super) mod elements;
 pub(super) mod explicit_euler;
 pub(super) mod explicit_pass;

@@ -2,6 +2,7 @@
 
 use crate::Result;
 use crate::gpu::Gpu;
+use crate::physics::simulator::messages::requires_elements_error;
 use crate::physics::{
     ExplicitEuler, GpuBody, ImplicitEuler, Solver, SolverKind, SymplecticEuler, VelocityVerlet,
     Verlet,
@@ -20,7 +21,7 @@ impl SolverKind {
             SolverKind::Verlet => Box::new(Verlet::new(gpu, body)?),
             SolverKind::VelocityVerlet => Box::new(VelocityVerlet::new(gpu, body)?),
             SolverKind::Implicit => Box::new(ImplicitEuler::new(gpu, body)?),
-            SolverKind::Bdf2 | SolverKind::Midpoint => return Err(self.requires_elements_error()),
+            SolverKind::Bdf2 | SolverKind::Midpoint => return Err(requires_elements_error(self)),
         })
     }
 }

@@ -156,7 +156,7 @@ fn forces_and_energies_match_float64() {
                 assert!(worst(&found, &truth.forces(), &scale) > 1e-4);
                 truth.terms = floors;
             }
-            truth.network.springs[7].stiffness *= 1.05;
+            truth.network.edges[7].stiffness *= 1.05;
             assert!(worst(&found, &truth.forces(), &scale) > 1e-5);
         }
     }

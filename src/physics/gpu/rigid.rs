@@ -60,7 +60,7 @@ impl GpuRigid {
         network: &DiscreteModel,
         (elements, units): (Option<&GpuElements>, &LocalUnits),
     ) -> Result<Option<GpuRigid>> {
-        let (Some(elements), rigid) = (elements, &network.elements.rigid) else {
+        let (Some(elements), rigid) = (elements, network.rigid_bodies()) else {
             return Ok(None);
         };
         if rigid.is_empty() {

@@ -92,8 +92,8 @@ impl Simulator for GpuTets {
         &self.body.network.masses
     }
 
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
-        self.body.network.springs.iter().map(|s| s.nodes).collect()
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
+        self.body.network.edge_nodes().collect()
     }
 
     fn model(&self) -> Option<&DiscreteModel> {

@@ -1,12 +1,13 @@
 //! Rows of directed edges in sliced ELLPACK format for the GPU.
 //!
 //! Slices have 32 rows; within a slice, the q-th groups of four neighbours of all rows are
-//! contiguous, so neighbouring invocations load neighbouring texels, and a node with many springs
+//! contiguous, so neighbouring invocations load neighbouring texels, and a node with many edges
 //! lengthens its own slice only. Rows are sorted by length within a window of the file's order, so
 //! that invocations running side by side finish together. The incident tet corners of nodes have
 //! the same layout. The CPU side of `shaders/lib/sliced_ellpack.wgsl`.
 
-use crate::physics::model::discrete_model::{DiscreteModel, Spring};
+use crate::physics::model::discrete_model::DiscreteModel;
+use crate::physics::model::discretisation::Edge;
 use crate::physics::model::units::LocalUnits;
 use crate::{Error, Result};
 use glam::Vec3;
@@ -26,22 +27,22 @@ pub(in crate::physics) struct SlicedEllpack {
     /// Four neighbours per texel, padded with the node itself.
     pub columns: Vec<[u32; 4]>,
     /// κ and L of each directed edge, in local units; zero in the padding.
-    pub springs: Vec<[f32; 2]>,
+    pub stiffnesses: Vec<[f32; 2]>,
     /// The row of each node.
     row_of: Vec<u32>,
     /// Padding value, if not the node itself.
     filler: Option<u32>,
 }
 
-/// A spring at its node: the other node, κ and L in local units.
-pub(in crate::physics) type DirectedSpring = (u32, f32, f32);
+/// An edge at its node: the other node, κ and L in local units.
+pub(in crate::physics) type DirectedEdge = (u32, f32, f32);
 
 /// Indices changed by [`SlicedEllpack::replace`] in the three lists.
 #[derive(Debug, Default, PartialEq)]
 pub(in crate::physics) struct Replaced {
     pub rows: Vec<u32>,
     pub columns: Vec<u32>,
-    pub springs: Vec<u32>,
+    pub stiffnesses: Vec<u32>,
 }
 
 impl SlicedEllpack {
@@ -53,9 +54,9 @@ impl SlicedEllpack {
         rest: &[Vec3],
         units: &LocalUnits,
     ) -> Result<SlicedEllpack> {
-        let mut neighbours: Vec<Vec<DirectedSpring>> = vec![Vec::new(); rest.len()];
-        for s in &network.springs {
-            for (node, directed) in directed_pair(s, |v| rest[v as usize], units) {
+        let mut neighbours: Vec<Vec<DirectedEdge>> = vec![Vec::new(); rest.len()];
+        for edge in &network.edges {
+            for (node, directed) in directed_pair(edge, |v| rest[v as usize], units) {
                 neighbours[node as usize].push(directed);
             }
         }
@@ -68,18 +69,18 @@ impl SlicedEllpack {
     /// Rows with these numbers for each node, padded with `filler` or the node itself.
     pub fn from_lists(lists: &[Vec<u32>], filler: Option<u32>) -> Result<SlicedEllpack> {
         let entries = |list: &Vec<u32>| list.iter().map(|n| (*n, 0.0, 0.0)).collect();
-        let lists: Vec<Vec<DirectedSpring>> = lists.iter().map(entries).collect();
+        let lists: Vec<Vec<DirectedEdge>> = lists.iter().map(entries).collect();
         SlicedEllpack::build(&lists, filler)
     }
 
     /// Rows with these lists for each node, padded with `filler` or the node itself.
-    fn build(neighbours: &[Vec<DirectedSpring>], filler: Option<u32>) -> Result<SlicedEllpack> {
+    fn build(neighbours: &[Vec<DirectedEdge>], filler: Option<u32>) -> Result<SlicedEllpack> {
         let nodes = neighbours.len();
         let mut built = SlicedEllpack {
             filler,
             rows: Vec::with_capacity(nodes),
             columns: Vec::new(),
-            springs: Vec::new(),
+            stiffnesses: Vec::new(),
             row_of: vec![0; nodes],
         };
         let mut order: Vec<u32> = (0..nodes as u32).collect();
@@ -109,21 +110,21 @@ impl SlicedEllpack {
             ));
         }
         self.columns.resize(end, [0; 4]);
-        self.springs.resize(4 * end, [0.0; 2]);
+        self.stiffnesses.resize(4 * end, [0.0; 2]);
         Ok(base as u32)
     }
 
     /// Writes the row of `node`, for which there is capacity, and pads it.
-    fn fill(&mut self, node: u32, row: &[DirectedSpring]) {
+    fn fill(&mut self, node: u32, row: &[DirectedEdge]) {
         let t = self.row_of[node as usize] as usize;
         let [_, base, _, room] = self.rows[t];
         self.rows[t][2] = row.len().div_ceil(4) as u32;
         let filler = self.filler.unwrap_or(node);
         for e in 0..4 * room as usize {
             let (other, stiffness, length) = row.get(e).copied().unwrap_or((filler, 0.0, 0.0));
-            let (column, spring) = entry_position(base, t, e);
+            let (column, place) = entry_position(base, t, e);
             self.columns[column][e % 4] = other;
-            self.springs[spring] = [stiffness, length];
+            self.stiffnesses[place] = [stiffness, length];
         }
     }
 
@@ -132,20 +133,20 @@ impl SlicedEllpack {
         &self.row_of
     }
 
-    /// The springs of `node`.
-    pub fn row(&self, node: u32) -> impl Iterator<Item = DirectedSpring> + '_ {
+    /// The edges of `node`.
+    pub fn row(&self, node: u32) -> impl Iterator<Item = DirectedEdge> + '_ {
         let t = self.row_of[node as usize] as usize;
         let [_, base, texels, _] = self.rows[t];
         (0..4 * texels as usize)
             .map(move |e| {
-                let (column, spring) = entry_position(base, t, e);
-                let [stiffness, length] = self.springs[spring];
+                let (column, place) = entry_position(base, t, e);
+                let [stiffness, length] = self.stiffnesses[place];
                 (self.columns[column][e % 4], stiffness, length)
             })
             .filter(move |directed| directed.0 != node)
     }
 
-    /// The index in `springs` of the spring from `node` to `other`.
+    /// The index in `stiffnesses` of the edge from `node` to `other`.
     pub fn entry(&self, node: u32, other: u32) -> Option<u32> {
         let t = *self.row_of.get(node as usize)? as usize;
         let [_, base, texels, _] = self.rows[t];
@@ -154,9 +155,9 @@ impl SlicedEllpack {
         Some(found.1.1 as u32)
     }
 
-    /// Replaces the springs of nodes; nodes beyond the present count are added. A row that exceeds
+    /// Replaces the edges of nodes; nodes beyond the present count are added. A row that exceeds
     /// its slice moves to a new slice at the end of the lists, shared with other moved rows.
-    pub fn replace(&mut self, mut given: Vec<(u32, Vec<DirectedSpring>)>) -> Result<Replaced> {
+    pub fn replace(&mut self, mut given: Vec<(u32, Vec<DirectedEdge>)>) -> Result<Replaced> {
         let count = given.iter().map(|(node, _)| *node + 1).max().unwrap_or(0);
         for node in self.row_of.len() as u32..count {
             self.row_of.push(self.rows.len() as u32);
@@ -189,8 +190,8 @@ impl SlicedEllpack {
             let [_, base, _, room] = self.rows[t as usize];
             replaced.rows.push(t);
             for e in 0..4 * room as usize {
-                let (column, spring) = entry_position(base, t as usize, e);
-                replaced.springs.push(spring as u32);
+                let (column, place) = entry_position(base, t as usize, e);
+                replaced.stiffnesses.push(place as u32);
                 if e % 4 == 0 {
                     replaced.columns.push(column as u32);
                 }
@@ -201,7 +202,7 @@ impl SlicedEllpack {
 }
 
 /// The location of entry e of row t in the slice starting at `base`: texel in `columns`, index in
-/// `springs`.
+/// `stiffnesses`.
 fn entry_position(base: u32, t: usize, e: usize) -> (usize, usize) {
     let (base, lane) = (base as usize, t % SLICE_HEIGHT);
     (
@@ -210,15 +211,15 @@ fn entry_position(base: u32, t: usize, e: usize) -> (usize, usize) {
     )
 }
 
-/// The two directed springs of a spring, whose nodes rest at the local positions `rest`.
+/// The two directed edges of an edge, whose nodes rest at the local positions `rest`.
 pub(in crate::physics) fn directed_pair(
-    spring: &Spring,
+    edge: &Edge,
     rest: impl Fn(u32) -> Vec3,
     units: &LocalUnits,
-) -> [(u32, DirectedSpring); 2] {
-    let [i, j] = spring.nodes;
+) -> [(u32, DirectedEdge); 2] {
+    let [i, j] = edge.nodes;
     let length = rest(i).as_dvec3().distance(rest(j).as_dvec3()) as f32;
-    let stiffness = (spring.stiffness / units.stiffness()) as f32;
+    let stiffness = (edge.stiffness / units.stiffness()) as f32;
     [(i, (j, stiffness, length)), (j, (i, stiffness, length))]
 }
 
@@ -227,11 +228,11 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
 
-    fn rows_of(lists: &[Vec<DirectedSpring>]) -> SlicedEllpack {
+    fn rows_of(lists: &[Vec<DirectedEdge>]) -> SlicedEllpack {
         let empty = SlicedEllpack {
             rows: Vec::new(),
             columns: Vec::new(),
-            springs: Vec::new(),
+            stiffnesses: Vec::new(),
             row_of: Vec::new(),
             filler: None,
         };
@@ -245,12 +246,12 @@ mod tests {
     #[test]
     fn rows_are_replaced_moved_and_added() {
         let directed = |j: u32| (j, j as f32, 0.5);
-        let list = |node: u32, count: u32| -> Vec<DirectedSpring> {
+        let list = |node: u32, count: u32| -> Vec<DirectedEdge> {
             (0..count).map(|k| directed((node + 1 + k) % 90)).collect()
         };
-        let mut lists: Vec<Vec<DirectedSpring>> = (0..70).map(|i| list(i, 3 + i % 9)).collect();
+        let mut lists: Vec<Vec<DirectedEdge>> = (0..70).map(|i| list(i, 3 + i % 9)).collect();
         let mut rows = rows_of(&lists);
-        let check = |rows: &SlicedEllpack, lists: &[Vec<DirectedSpring>]| {
+        let check = |rows: &SlicedEllpack, lists: &[Vec<DirectedEdge>]| {
             for (i, list) in lists.iter().enumerate() {
                 let mut list = list.clone();
                 list.sort_unstable_by_key(|d| d.0);
@@ -269,7 +270,7 @@ mod tests {
         let before = (
             rows.rows.clone(),
             rows.columns.clone(),
-            rows.springs.clone(),
+            rows.stiffnesses.clone(),
         );
         let replaced = rows.replace(given.to_vec()).unwrap();
         check(&rows, &lists);
@@ -281,8 +282,10 @@ mod tests {
         for (k, column) in before.1.iter().enumerate() {
             assert!(rows.columns[k] == *column || replaced.columns.contains(&(k as u32)));
         }
-        for (k, spring) in before.2.iter().enumerate() {
-            assert!(rows.springs[k] == *spring || replaced.springs.contains(&(k as u32)));
+        for (k, stiffness) in before.2.iter().enumerate() {
+            assert!(
+                rows.stiffnesses[k] == *stiffness || replaced.stiffnesses.contains(&(k as u32))
+            );
         }
     }
 }

@@ -1,14 +1,13 @@
 //! Springs as a term on the GPU; the CPU side of `shaders/terms/springs.wgsl`.
 
-use super::sliced_ellpack::{DirectedSpring, SlicedEllpack, directed_pair};
+use super::edges::{GpuEdges, scatter};
+use super::sliced_ellpack::Replaced;
 use super::terms::{GpuTerm, ProgramPart};
 use crate::Result;
 use crate::gpu::{Array, Gpu, PassBuilder, Texel};
-use crate::mesh::TetCut;
-use crate::physics::Damping;
-use crate::physics::model::discrete_model::{DiscreteModel, Spring};
+use crate::physics::model::discretisation::SpringNetwork;
+use crate::physics::model::material::Damping;
 use crate::physics::model::units::LocalUnits;
-use glam::Vec3;
 
 mod gpu_data {
     crate::gpu_struct! {
@@ -23,116 +22,58 @@ mod gpu_data {
 }
 use gpu_data::SpringParams;
 
-/// The springs of every node in sliced ELLPACK rows of directed edges.
+/// The springs along the edges of a body.
 #[derive(Debug)]
 pub(in crate::physics) struct GpuSprings {
-    pub rows: Array,
-    pub columns: Array,
+    /// The arrays of the edges.
+    rows: Array,
+    columns: Array,
+    /// Stiffness and rest length of every directed edge.
     springs: Array,
-    /// CPU copy of the three arrays.
-    kept: SlicedEllpack,
     params: SpringParams,
 }
 
 impl GpuSprings {
-    /// The springs of `network`, whose nodes rest at the local positions `rest`.
+    /// The springs of `network`, with the stiffness-proportional damping `damping_time` (s), along
+    /// `edges`.
     pub fn new(
         gpu: &Gpu,
-        network: &DiscreteModel,
-        rest: &[Vec3],
-        units: &LocalUnits,
-    ) -> Result<Self> {
-        let kept = SlicedEllpack::new(network, rest, units)?;
+        (network, damping_time): (&SpringNetwork, f64),
+        (edges, units): (&GpuEdges, &LocalUnits),
+    ) -> Result<GpuSprings> {
+        let springs = &edges.host_rows().stiffnesses;
         Ok(GpuSprings {
-            rows: gpu.array_of_with_headroom("rows", Texel::U32x4, &kept.rows)?,
-            columns: gpu.array_of_with_headroom("columns", Texel::U32x4, &kept.columns)?,
-            springs: gpu.array_of_with_headroom("springs", Texel::F32x2, &kept.springs)?,
-            kept,
+            rows: edges.rows.clone(),
+            columns: edges.columns.clone(),
+            springs: gpu.array_of_with_headroom("springs", Texel::F32x2, springs)?,
             params: SpringParams {
                 damping: (network.damping / units.damping()) as f32,
-                damping_time: (network.damping_time / units.time) as f32,
+                damping_time: (damping_time / units.time) as f32,
                 axial: u32::from(network.damping_kind == Damping::Axial),
                 _pad0: 0,
             },
         })
     }
 
-    /// The CPU copy of the rows.
-    pub fn host_rows(&self) -> &SlicedEllpack {
-        &self.kept
+    /// Follows a cut that changed `edges` at the indices `replaced`.
+    pub fn apply_cut(&mut self, gpu: &Gpu, edges: &GpuEdges, replaced: &Replaced) -> Result<()> {
+        self.resize_arrays(gpu, edges)?;
+        let springs = &edges.host_rows().stiffnesses;
+        scatter(gpu, &self.springs, &replaced.stiffnesses, springs)
     }
 
-    /// Applies a cut that replaced the springs at duplicated nodes by `new`; the body has `nodes`
-    /// nodes now.
-    pub fn apply_cut(
-        &mut self,
-        gpu: &Gpu,
-        cut: &TetCut,
-        new: &[Spring],
-        (nodes, rest, units): (usize, impl Fn(u32) -> Vec3 + Copy, &LocalUnits),
-    ) -> Result<()> {
-        let directed = new.iter().flat_map(|s| directed_pair(s, rest, units));
-        let lists = self.lists_around(cut, nodes, directed);
-        let replaced = self.kept.replace(lists)?;
-        self.resize_arrays(gpu)?;
-        let kept = &self.kept;
-        put(gpu, &self.rows, &replaced.rows, &kept.rows)?;
-        put(gpu, &self.columns, &replaced.columns, &kept.columns)?;
-        put(gpu, &self.springs, &replaced.springs, &kept.springs)
+    /// Rebuilds all springs along `edges`.
+    pub fn rebuild(&mut self, gpu: &Gpu, edges: &GpuEdges) -> Result<()> {
+        self.resize_arrays(gpu, edges)?;
+        gpu.write_array(&self.springs, &edges.host_rows().stiffnesses)
     }
 
-    /// Rebuilds all springs from `network`.
-    pub fn rebuild(
-        &mut self,
-        gpu: &Gpu,
-        network: &DiscreteModel,
-        rest: &[Vec3],
-        units: &LocalUnits,
-    ) -> Result<()> {
-        self.kept = SlicedEllpack::new(network, rest, units)?;
-        self.resize_arrays(gpu)?;
-        gpu.write_array(&self.rows, &self.kept.rows)?;
-        gpu.write_array(&self.columns, &self.kept.columns)?;
-        gpu.write_array(&self.springs, &self.kept.springs)
-    }
-
-    /// Resizes the arrays to the CPU copy.
-    fn resize_arrays(&mut self, gpu: &Gpu) -> Result<()> {
-        let kept = &self.kept;
-        gpu.resize(&mut self.rows, "rows", kept.rows.len())?;
-        gpu.resize(&mut self.columns, "columns", kept.columns.len())?;
-        gpu.resize(&mut self.springs, "springs", kept.springs.len())?;
+    /// Takes the arrays of `edges`, which may be new ones, and resizes its own to them.
+    fn resize_arrays(&mut self, gpu: &Gpu, edges: &GpuEdges) -> Result<()> {
+        (self.rows, self.columns) = (edges.rows.clone(), edges.columns.clone());
+        let len = edges.host_rows().stiffnesses.len();
+        gpu.resize(&mut self.springs, "springs", len)?;
         Ok(())
-    }
-
-    /// Returns the complete spring lists of every node with a spring at a duplicated node:
-    /// unchanged springs and those of `new`.
-    fn lists_around(
-        &self,
-        cut: &TetCut,
-        nodes: usize,
-        new: impl Iterator<Item = (u32, DirectedSpring)>,
-    ) -> Vec<(u32, Vec<DirectedSpring>)> {
-        let mut touched = vec![false; nodes];
-        cut.nodes.iter().for_each(|v| touched[*v as usize] = true);
-        // Index of each node's list plus one; 0 if it has none.
-        let mut place = vec![0u32; nodes];
-        let mut lists: Vec<(u32, Vec<DirectedSpring>)> = Vec::new();
-        for (node, directed) in new {
-            if place[node as usize] == 0 {
-                let stay: Vec<DirectedSpring> = match touched[node as usize] {
-                    true => Vec::new(),
-                    false => {
-                        let row = self.kept.row(node);
-                        row.filter(|other| !touched[other.0 as usize]).collect()
-                    }
-                };
-                lists.push((node, stay));
-                place[node as usize] = lists.len() as u32;
-            }
-            lists[place[node as usize] as usize - 1].1.push(directed);
-        }
-        lists
     }
 }
 
@@ -160,10 +101,4 @@ impl GpuTerm for GpuSprings {
     fn texels(&self) -> u32 {
         self.columns.len()
     }
-}
-
-/// Uploads the items of `kept` at `places`.
-fn put<T: bytemuck::Pod>(gpu: &Gpu, array: &Array, places: &[u32], kept: &[T]) -> Result<()> {
-    let items: Vec<T> = places.iter().map(|p| kept[*p as usize]).collect();
-    gpu.scatter_items(array, places, &items)
 }

@@ -1,8 +1,8 @@
 //! Step status and history written by the GPU, and their evaluation on the CPU. The CPU side of
 //! `shaders/lib/status.wgsl`.
 
-use crate::physics::model::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
 use crate::physics::model::units::LocalUnits;
+use crate::physics::simulator::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
 use crate::physics::{GpuBody, SolverKind, StepProgress, StepRecord, time_step_advice};
 use crate::{Error, FailureCause};
 

@@ -1,9 +1,13 @@
 //! Binding of energy terms to the passes they are composed with: each term binds the declarations
 //! of its file in `shaders/terms`.
 
+use super::edges::GpuEdges;
+use super::elements::GpuElements;
+use super::springs::GpuSprings;
 use crate::Result;
 use crate::gpu::{Array, Gpu, Pass, PassBuilder};
-use crate::physics::GpuBody;
+use crate::physics::{DiscreteModel, Discretisation, GpuBody, LocalUnits};
+use glam::Vec3;
 
 /// The programs that terms are composed into.
 #[derive(Clone, Copy)]
@@ -55,12 +59,54 @@ pub(in crate::physics) trait GpuTerm {
     fn texels(&self) -> u32;
 }
 
+/// The springs or finite elements of a body.
+#[derive(Debug)]
+pub(in crate::physics) enum GpuDiscretisation {
+    Springs(Box<GpuSprings>),
+    Elements(Box<GpuElements>),
+}
+
+impl GpuDiscretisation {
+    /// The springs or elements of `network`, whose nodes rest at the local positions `rest` and
+    /// whose edges are `edges`.
+    pub fn new(
+        gpu: &Gpu,
+        network: &DiscreteModel,
+        rest: &[Vec3],
+        with: (&GpuEdges, &LocalUnits),
+    ) -> Result<GpuDiscretisation> {
+        Ok(match &network.discretisation {
+            Discretisation::Springs(springs) => {
+                let springs = GpuSprings::new(gpu, (springs, network.damping_time), with)?;
+                GpuDiscretisation::Springs(Box::new(springs))
+            }
+            Discretisation::Elements(elements) => {
+                let elements = GpuElements::new(gpu, (network, elements), rest, with)?;
+                GpuDiscretisation::Elements(Box::new(elements))
+            }
+        })
+    }
+
+    /// The finite elements; `None` for springs.
+    pub fn elements(&self) -> Option<&GpuElements> {
+        match self {
+            GpuDiscretisation::Springs(_) => None,
+            GpuDiscretisation::Elements(elements) => Some(elements.as_ref()),
+        }
+    }
+}
+
 impl GpuBody {
+    /// The finite elements; `None` for springs.
+    pub(in crate::physics) fn elements(&self) -> Option<&GpuElements> {
+        self.discretisation.elements()
+    }
+
     /// The term of elastic deformation.
     pub(in crate::physics) fn material_term(&self) -> &dyn GpuTerm {
-        match &self.elements {
-            Some(elements) => elements,
-            None => &self.springs,
+        match &self.discretisation {
+            GpuDiscretisation::Springs(springs) => springs.as_ref(),
+            GpuDiscretisation::Elements(elements) => elements.as_ref(),
         }
     }
 

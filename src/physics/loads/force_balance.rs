@@ -138,7 +138,7 @@ pub(in crate::physics) fn balance_of_model(
     let stiffness = network.nodal_stiffness();
     let constrained = loads.fixed_nodes();
     let extent = network.frame.scale * network.length_unit;
-    let rigid = &network.elements.rigid;
+    let rigid = network.rigid_bodies();
     let mut is_rigid = vec![false; x.len()];
     let mut sums = ForceSums::default();
     for region in rigid {

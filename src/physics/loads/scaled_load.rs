@@ -49,7 +49,7 @@ impl ScaledLoad {
                 }
             }
             ScaledLoad::Muscle(Muscle { fibres, tension }) => {
-                if network.elements.is_empty() {
+                if network.elements().is_none() {
                     return Err(Error::Input(
                         "a muscle requires finite elements, but the body is made of springs; use --material neo-hookean (or corotated)".into(),
                     ));

@@ -56,7 +56,7 @@ pub struct Element {
     pub region: u32,
 }
 
-/// The finite elements of a body.
+/// The finite elements and rigid bodies of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Elements {
     /// The constitutive model of all elements.
@@ -77,7 +77,7 @@ pub struct Elements {
 }
 
 impl Elements {
-    /// Whether there are no tets.
+    /// Whether there are no tets and no rigid bodies.
     pub fn is_empty(&self) -> bool {
         self.tets.is_empty() && self.rigid.is_empty()
     }

@@ -1,6 +1,7 @@
 //! Energies of a body, measured in float64.
 
-use super::discrete_model::{DiscreteModel, Spring};
+use super::discrete_model::DiscreteModel;
+use super::discretisation::{Discretisation, Edge};
 use super::node_term::NodeTerm;
 use crate::parallel;
 use glam::DVec3;
@@ -26,14 +27,15 @@ impl Energy {
         velocities: &[DVec3],
     ) -> Energy {
         let unit = network.length_unit;
-        let of_spring = |s: &Spring| {
+        let of_spring = |s: &Edge| {
             let [a, b] = s.nodes.map(|v| positions[v as usize]);
             0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
         };
-        let elements = &network.elements;
-        let matter: f64 = match elements.is_empty() {
-            true => parallel::sum(network.springs.len(), |s| of_spring(&network.springs[s])),
-            false => {
+        let matter: f64 = match &network.discretisation {
+            Discretisation::Springs(_) => {
+                parallel::sum(network.edges.len(), |e| of_spring(&network.edges[e]))
+            }
+            Discretisation::Elements(elements) => {
                 let x: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
                 elements.energy(&x)
             }

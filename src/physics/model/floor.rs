@@ -54,7 +54,7 @@ impl NodeTerm for Floor {
         "floor"
     }
 
-    fn gpu_parameters(
+    fn shader_parameters(
         &self,
         frame: &LocalFrame,
         units: &LocalUnits,

@@ -3,13 +3,13 @@
 
 pub(super) mod clamped_end;
 pub(super) mod discrete_model;
+pub(super) mod discretisation;
 pub(super) mod elements;
 pub(super) mod energy;
-pub(super) mod engine_kind;
 pub(super) mod floor;
 pub(super) mod joint;
 pub(super) mod material;
-pub(super) mod messages;
+mod model_builder;
 pub(super) mod nodal_volume;
 pub(super) mod node_term;
 pub(super) mod rigid_region;

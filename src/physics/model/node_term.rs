@@ -15,7 +15,7 @@ pub trait NodeTerm: Debug + Send + Sync {
     fn name(&self) -> &'static str;
 
     /// Its parameters as the shader reads them, in local units.
-    fn gpu_parameters(
+    fn shader_parameters(
         &self,
         frame: &LocalFrame,
         units: &LocalUnits,

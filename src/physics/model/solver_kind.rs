@@ -18,11 +18,11 @@ pub enum SolverKind {
     /// `implicit`: implicit Euler after Baraff & Witkin; for finite elements, minimised by Newton's
     /// method.
     Implicit,
-    /// `bdf2`: the second-order backward differentiation formula, for finite elements, on the CPU.
-    /// Damps high frequencies.
+    /// `bdf2`: the second-order backward differentiation formula, for finite elements. Damps high
+    /// frequencies.
     Bdf2,
-    /// `midpoint`: the implicit midpoint rule, for finite elements, on the CPU: second order,
-    /// preserves the energy of oscillations.
+    /// `midpoint`: the implicit midpoint rule, for finite elements: second order, preserves the
+    /// energy of oscillations.
     Midpoint,
 }
 
@@ -45,14 +45,6 @@ impl SolverKind {
             self,
             SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint
         )
-    }
-
-    /// The error of using one of [`SolverKind::ELEMENT_ONLY`] for a body of springs, or on another
-    /// engine.
-    pub(in crate::physics) fn requires_elements_error(self) -> Error {
-        Error::Input(format!(
-            "{self} supports only finite elements on the CPU; use --material neo-hookean (or corotated) and --engine cpu, or --solver implicit"
-        ))
     }
 
     /// The name, as on the command line.

@@ -1,6 +1,7 @@
 //! Static nodal forces of a discrete model, and nodal stiffnesses, in float64.
 
 use super::discrete_model::DiscreteModel;
+use super::discretisation::Discretisation;
 use super::node_term::NodeTerm;
 use glam::DVec3;
 use std::sync::Arc;
@@ -12,9 +13,9 @@ impl DiscreteModel {
         x: &[DVec3],
         terms: &[Arc<dyn NodeTerm>],
     ) -> Vec<DVec3> {
-        let mut forces = match self.elements.is_empty() {
-            true => self.spring_forces(x),
-            false => self.elements.forces(x),
+        let mut forces = match &self.discretisation {
+            Discretisation::Springs(_) => self.spring_forces(x),
+            Discretisation::Elements(elements) => elements.forces(x),
         };
         for ((f, m), x) in forces.iter_mut().zip(&self.masses).zip(x) {
             *f += terms.iter().map(|term| term.force(*m, *x)).sum::<DVec3>();
@@ -24,7 +25,7 @@ impl DiscreteModel {
 
     fn spring_forces(&self, x: &[DVec3]) -> Vec<DVec3> {
         let mut forces = vec![DVec3::ZERO; x.len()];
-        for spring in &self.springs {
+        for spring in &self.edges {
             let [a, b] = spring.nodes.map(|v| v as usize);
             let d = x[b] - x[a];
             let f = spring.stiffness * (d.length() - spring.length) * d.normalize_or_zero();
@@ -38,17 +39,22 @@ impl DiscreteModel {
     /// N/m.
     pub(in crate::physics) fn nodal_stiffness(&self) -> Vec<f64> {
         let mut stiffness = vec![0.0; self.rest_positions.len()];
-        if self.elements.is_empty() {
-            for spring in &self.springs {
-                for v in spring.nodes {
-                    stiffness[v as usize] += spring.stiffness;
+        match &self.discretisation {
+            Discretisation::Springs(_) => {
+                for spring in &self.edges {
+                    for v in spring.nodes {
+                        stiffness[v as usize] += spring.stiffness;
+                    }
                 }
             }
-        }
-        for tet in &self.elements.tets {
-            let [mu, lambda] = tet.lame_parameters;
-            for (v, g) in tet.nodes.iter().zip(tet.gradients()) {
-                stiffness[*v as usize] += (2.0 * mu + lambda) * tet.volume * g.length_squared();
+            Discretisation::Elements(elements) => {
+                for tet in &elements.tets {
+                    let [mu, lambda] = tet.lame_parameters;
+                    for (v, g) in tet.nodes.iter().zip(tet.gradients()) {
+                        stiffness[*v as usize] +=
+                            (2.0 * mu + lambda) * tet.volume * g.length_squared();
+                    }
+                }
             }
         }
         stiffness

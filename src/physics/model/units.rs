@@ -1,10 +1,10 @@
-//! Local units of a body's arrays on the GPU, chosen so that models of any size avoid f32 overflow.
+//! Local units of a body's arrays, chosen so that models of any size avoid f32 overflow.
 
 use super::discrete_model::DiscreteModel;
 use super::elements::Element;
 
-/// Local units: the body's extent, its mean nodal mass, and 1/ω of a mean mass on a mean spring (or
-/// on the mean element if there are no springs).
+/// Local units: the body's extent, its mean nodal mass, and 1/ω of a mean mass on a spring
+/// with the mean stiffness of the edges (or of the elements if there are no edges).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalUnits {
     /// Metres per unit of length.
@@ -21,8 +21,8 @@ impl LocalUnits {
         let mass = mean(network.masses.iter().copied());
         // Young's modulus lies between 2 μ and 3 μ; the edge of a regular tet is 2.04 ∛V.
         let of_element = |e: &Element| 5.0 * e.lame_parameters[0] * e.volume.cbrt();
-        let stiffness = mean(network.springs.iter().map(|s| s.stiffness))
-            .or_else(|| mean(network.elements.tets.iter().map(of_element)));
+        let stiffness = mean(network.edges.iter().map(|e| e.stiffness))
+            .or_else(|| mean(network.tets().iter().map(of_element)));
         let time = match (mass, stiffness) {
             (Some(m), Some(k)) => (m / k).sqrt(),
             _ => 1.0,

@@ -12,9 +12,13 @@ const FINITE_DIFFERENCE_STEP: f64 = 1e-6;
 /// Returns the forces of the tets of `network` and of their damping on all nodes at `x` (m) with
 /// velocities `v` (m/s), N.
 pub(super) fn internal_forces(network: &DiscreteModel, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
-    let law = network.elements.law;
     let mut forces = vec![DVec3::ZERO; x.len()];
-    for (tet, damping) in network.elements.tets.iter().zip(damping_times(network)) {
+    let Some(elements) = network.elements() else {
+        return forces;
+    };
+    let law = elements.law;
+    let damping_times = damping_times(network, elements);
+    for (tet, damping) in elements.tets.iter().zip(damping_times) {
         let at = tet.node_positions(x);
         let mut pull = corner_forces(tet, law, &at);
         if damping > 0.0 {
@@ -31,7 +35,7 @@ pub(super) fn internal_forces(network: &DiscreteModel, x: &[DVec3], v: &[DVec3])
         }
     }
     for ((f, m), v) in forces.iter_mut().zip(&network.masses).zip(v) {
-        *f -= network.elements.mass_damping * *m * *v;
+        *f -= elements.mass_damping * *m * *v;
     }
     forces
 }

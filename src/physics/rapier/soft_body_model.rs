@@ -3,7 +3,7 @@
 use super::rigid_region::RigidRegion;
 use super::units::Scale;
 use crate::physics::model::rigid_region::node_owners;
-use crate::physics::{ConstitutiveModel, DiscreteModel, Element, VolumetricFormulation};
+use crate::physics::{ConstitutiveModel, DiscreteModel, Element, Elements, VolumetricFormulation};
 use crate::{Error, Result};
 use glam::DVec3;
 use rapier3d::math::Vector;
@@ -47,13 +47,12 @@ impl SoftBodyModel {
     /// [`Error::Input`] if rapier does not support the model: springs, no soft tets, averaged
     /// volume, several Poisson's ratios, or more than a few hundred stiffnesses.
     pub fn new(network: &DiscreteModel, boundary: &[[u32; 3]]) -> Result<SoftBodyModel> {
-        let elements = &network.elements;
         let refused = |what: &str| Err(Error::Input(format!("rapier {what}")));
-        if elements.is_empty() {
+        let Some(elements) = network.elements() else {
             return refused(
                 "supports finite elements only, but the body is made of springs; use --material neo-hookean (or corotated), or --engine cpu",
             );
-        }
+        };
         if elements.tets.is_empty() {
             return refused(
                 "requires a soft body, but the whole body is rigid; leave a region soft, or use --engine cpu",
@@ -105,7 +104,7 @@ impl SoftBodyModel {
             material: SoftBodyMaterial {
                 young_modulus: scale.stress(young),
                 poisson_ratio: poisson as f32,
-                elastic_damping_ratio: damping_ratio(network) as f32,
+                elastic_damping_ratio: damping_ratio(network, elements) as f32,
                 ..SoftBodyMaterial::default()
             },
             groups: groups(&elements.tets, law, young)?,
@@ -148,14 +147,11 @@ fn groups(tets: &[Element], law: ConstitutiveModel, young: f64) -> Result<Vec<(V
     }
 }
 
-/// Returns the damping ratio that gives the tets the damping time of `network` in the volume
-/// average: rapier has one ratio for all tets.
-fn damping_ratio(network: &DiscreteModel) -> f64 {
-    let tets = network
-        .elements
-        .tets
-        .iter()
-        .map(|t| (t.volume, damping_time_per_ratio(t, network)));
+/// Returns the damping ratio that gives the tets of `elements` the damping time of `network` in the
+/// volume average: rapier has one ratio for all tets.
+fn damping_ratio(network: &DiscreteModel, elements: &Elements) -> f64 {
+    let time = |t: &Element| damping_time_per_ratio(t, elements.law, &network.masses);
+    let tets = elements.tets.iter().map(|t| (t.volume, time(t)));
     let (times, volume) = tets
         .filter(|(_, time)| *time > 0.0)
         .fold((0.0, 0.0), |(times, all), (volume, time)| {
@@ -167,21 +163,24 @@ fn damping_ratio(network: &DiscreteModel) -> f64 {
     }
 }
 
-/// The damping time of every tet, s.
-pub(super) fn damping_times(network: &DiscreteModel) -> impl Iterator<Item = f64> {
-    let ratio = damping_ratio(network);
-    let tets = network.elements.tets.iter();
-    tets.map(move |t| ratio * damping_time_per_ratio(t, network))
+/// The damping time of every tet of `elements`, those of `network`, s.
+pub(super) fn damping_times(
+    network: &DiscreteModel,
+    elements: &Elements,
+) -> impl Iterator<Item = f64> {
+    let ratio = damping_ratio(network, elements);
+    let tets = elements.tets.iter();
+    tets.map(move |t| ratio * damping_time_per_ratio(t, elements.law, &network.masses))
 }
 
-/// Returns the damping time of a tet with damping ratio 1, s: two over the mean angular frequency
-/// of its six strain modes.
-fn damping_time_per_ratio(tet: &Element, network: &DiscreteModel) -> f64 {
-    let [mu, lambda] = tet.small_strain(network.elements.law);
+/// Returns the damping time of a tet with damping ratio 1 and these nodal masses (kg), s: two over
+/// the mean angular frequency of its six strain modes.
+fn damping_time_per_ratio(tet: &Element, law: ConstitutiveModel, masses: &[f64]) -> f64 {
+    let [mu, lambda] = tet.small_strain(law);
     // Only the diagonal of G = Σ g gᵀ/m is used.
     let mut softness = DVec3::ZERO;
     for (v, g) in tet.nodes.iter().zip(tet.gradients()) {
-        softness += g * g / network.masses[*v as usize];
+        softness += g * g / masses[*v as usize];
     }
     let [x, y, z] = softness.to_array();
     let stretch = [x, y, z].map(|s| (2.0 * mu + lambda) * s);

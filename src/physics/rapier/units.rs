@@ -20,7 +20,7 @@ pub(super) struct Scale {
 impl Scale {
     /// Units derived from the mean edge length and the mean nodal mass of `network`.
     pub fn from_model(network: &DiscreteModel) -> Scale {
-        let edges = network.springs.iter().map(|s| s.length);
+        let edges = network.edges.iter().map(|e| e.length);
         let extent = network.frame.scale * network.length_unit;
         Scale {
             length: mean(edges).unwrap_or(0.1 * extent),

@@ -2,7 +2,7 @@
 //!
 //! All quantities are in SI units, positions in metres from the network's origin.
 
-use crate::physics::{Damping, DiscreteModel, NodeTerm, Spring};
+use crate::physics::{Damping, DiscreteModel, Edge, NodeTerm};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 /// A spring network with its state, external forces and pins.
 #[derive(Clone, Debug)]
 pub struct ReferenceSprings {
-    /// Masses and springs.
+    /// The model, made of springs.
     pub network: DiscreteModel,
     /// Positions, m.
     pub x: Vec<DVec3>,
@@ -33,7 +33,7 @@ impl ReferenceSprings {
     pub fn new(network: DiscreteModel) -> ReferenceSprings {
         let nodes = network.rest_positions.len();
         let mut rows = vec![Vec::new(); nodes];
-        for (s, spring) in network.springs.iter().enumerate() {
+        for (s, spring) in network.edges.iter().enumerate() {
             for v in spring.nodes {
                 rows[v as usize].push(s as u32);
             }
@@ -51,8 +51,14 @@ impl ReferenceSprings {
         }
     }
 
+    /// The damped velocity component.
+    fn damping_kind(&self) -> Damping {
+        let springs = self.network.springs();
+        springs.copied().unwrap_or_default().damping_kind
+    }
+
     /// Sums `share(spring, other node)` over the springs of every node.
-    fn accumulate(&self, share: impl Fn(usize, usize, &Spring) -> DVec3 + Sync) -> Vec<DVec3> {
+    fn accumulate(&self, share: impl Fn(usize, usize, &Edge) -> DVec3 + Sync) -> Vec<DVec3> {
         self.rows
             .par_iter()
             // Small bodies are summed serially: distributing the work would take longer.
@@ -61,7 +67,7 @@ impl ReferenceSprings {
             .map(|(i, row)| {
                 row.iter()
                     .map(|s| {
-                        let spring = &self.network.springs[*s as usize];
+                        let spring = &self.network.edges[*s as usize];
                         let [a, b] = spring.nodes.map(|v| v as usize);
                         share(i, if a == i { b } else { a }, spring)
                     })
@@ -77,7 +83,7 @@ impl ReferenceSprings {
             let d = self.x[j] - self.x[i];
             let w = self.v[j] - self.v[i];
             let n = d.normalize_or_zero();
-            let braked = match self.network.damping_kind {
+            let braked = match self.damping_kind() {
                 Damping::Axial => n * n.dot(w),
                 Damping::Relative => w,
             };
@@ -105,11 +111,11 @@ impl ReferenceSprings {
 
     /// Returns the energy of the springs, Σ ½κ(|x| − L)² (equation 1), and of the terms, J.
     pub fn elastic_energy(&self) -> f64 {
-        let energy = |s: &Spring| {
+        let energy = |s: &Edge| {
             let [a, b] = s.nodes.map(|v| self.x[v as usize]);
             0.5 * s.stiffness * (a.distance(b) - s.length).powi(2)
         };
-        let springs = self.network.springs.par_iter().with_min_len(1024);
+        let springs = self.network.edges.par_iter().with_min_len(1024);
         let of_nodes = self.terms.iter().map(|term| -> f64 {
             let nodes = self.network.masses.iter().zip(&self.x);
             nodes.map(|(m, x)| term.energy(*m, *x)).sum()
@@ -128,7 +134,7 @@ impl ReferenceSprings {
 
     /// Returns ∂f_i/∂x_j of one spring (equation 4). If `clamped`, omits the transverse term where
     /// it would be negative, as in K̃ of implicit Euler.
-    fn stiffness_block(&self, i: usize, j: usize, s: &Spring, clamped: bool) -> DMat3 {
+    fn stiffness_block(&self, i: usize, j: usize, s: &Edge, clamped: bool) -> DMat3 {
         let d = self.x[j] - self.x[i];
         let n = d.normalize_or_zero();
         let mut transverse = if d == DVec3::ZERO {
@@ -163,7 +169,7 @@ impl ReferenceSprings {
             let w = p[j] - p[i];
             let n = (self.x[j] - self.x[i]).normalize_or_zero();
             self.network.spring_damping(s)
-                * match self.network.damping_kind {
+                * match self.damping_kind() {
                     Damping::Axial => n * n.dot(w),
                     Damping::Relative => w,
                 }
@@ -186,9 +192,9 @@ impl ReferenceSprings {
     }
 
     /// Sums `share(node, other node, spring)` into the blocks of both ends of every spring.
-    fn blocks(&self, share: impl Fn(usize, usize, &Spring) -> DMat3) -> Vec<DMat3> {
+    fn blocks(&self, share: impl Fn(usize, usize, &Edge) -> DMat3) -> Vec<DMat3> {
         let mut blocks = vec![DMat3::ZERO; self.x.len()];
-        for s in &self.network.springs {
+        for s in &self.network.edges {
             let [i, j] = s.nodes.map(|v| v as usize);
             let block = share(i, j, s);
             blocks[i] += block;
@@ -202,7 +208,7 @@ impl ReferenceSprings {
         let mut blocks = self.blocks(|i, j, s| {
             let n = (self.x[j] - self.x[i]).normalize_or_zero();
             let c = self.network.spring_damping(s)
-                * match self.network.damping_kind {
+                * match self.damping_kind() {
                     Damping::Axial => DMat3::from_cols(n * n.x, n * n.y, n * n.z),
                     Damping::Relative => DMat3::IDENTITY,
                 };

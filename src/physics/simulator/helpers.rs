@@ -39,8 +39,8 @@ impl dyn Simulator + '_ {
     /// # Errors
     /// As [`Simulator::pin_nodes`].
     pub fn clamp_one_end(&mut self, gravity: f64) -> Result<String> {
-        let (rest, springs) = (&self.mesh().nodes, self.spring_pairs().into_iter());
-        let (end, _) = ClampedEnd::of_largest_component(rest, self.masses(), springs, DVec3::NEG_Z);
+        let (rest, edges) = (&self.mesh().nodes, self.edge_nodes().into_iter());
+        let (end, _) = ClampedEnd::of_largest_component(rest, self.masses(), edges, DVec3::NEG_Z);
         self.pin_nodes(&end.nodes)?;
         self.loads_mut().set_gravity(gravity * end.load_direction());
         let along = if end.axis == 2 { "-y" } else { "-z" };

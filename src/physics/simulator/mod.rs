@@ -3,9 +3,11 @@
 pub(super) mod capability;
 pub(super) mod checkpoint;
 pub(super) mod contact;
+pub(super) mod engine;
 pub(super) mod helpers;
 pub(super) mod joints;
 pub(super) mod member;
+pub(super) mod messages;
 pub(super) mod node_positions;
 pub(super) mod progress;
 pub(super) mod reactions;
@@ -61,8 +63,8 @@ pub trait Simulator: Send {
     /// Masses of all simulated nodes, kg.
     fn masses(&self) -> &[f64];
 
-    /// The two simulated nodes of each spring.
-    fn spring_pairs(&self) -> Vec<[u32; 2]>;
+    /// The two simulated nodes of each edge of a tetrahedral body, or of each spring of a grid body.
+    fn edge_nodes(&self) -> Vec<[u32; 2]>;
 
     /// The discrete model of a tetrahedral body.
     fn model(&self) -> Option<&DiscreteModel> {

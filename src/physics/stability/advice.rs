@@ -1,7 +1,7 @@
 //! Advice for failed steps.
 
 use super::step_limit::{largest_stable_step, limit_with_terms};
-use crate::physics::{DiscreteModel, NodeTerm, SolverKind};
+use crate::physics::{DiscreteModel, Discretisation, NodeTerm, SolverKind};
 use std::sync::Arc;
 
 /// Ratio of a safe explicit step to the largest stable one at rest, for springs.
@@ -16,9 +16,9 @@ const ELEMENT_STEP_RATIO: f64 = 0.2;
 
 /// Returns the ratio of a safe explicit step to the largest stable one at rest.
 pub(crate) fn safe_step_ratio(network: Option<&DiscreteModel>) -> f64 {
-    match network {
-        Some(network) if !network.elements.is_empty() => ELEMENT_STEP_RATIO,
-        _ => SPRING_STEP_RATIO,
+    match network.and_then(DiscreteModel::elements) {
+        Some(_) => ELEMENT_STEP_RATIO,
+        None => SPRING_STEP_RATIO,
     }
 }
 
@@ -31,10 +31,9 @@ pub(in crate::physics) fn time_step_advice(
 ) -> String {
     let limit = largest_stable_step(network, pinned, kind);
     let ratio = safe_step_ratio(Some(network));
-    let advised = if network.elements.is_empty() {
-        ADVISED_SPRING_STEP_RATIO
-    } else {
-        ratio
+    let advised = match network.discretisation {
+        Discretisation::Springs(_) => ADVISED_SPRING_STEP_RATIO,
+        Discretisation::Elements(_) => ratio,
     };
     match limit.map(|limit| limit_with_terms(limit, network, terms)) {
         None => format!(

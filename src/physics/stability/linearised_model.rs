@@ -9,7 +9,9 @@
 use super::lanczos::{Eigenpair, dot, largest_eigenpair, start_vector};
 pub use super::mode::Mode;
 use crate::physics::grid::GridModel;
-use crate::physics::{ConstitutiveModel, Damping, DiscreteModel, Element, SolverKind};
+use crate::physics::{
+    ConstitutiveModel, Damping, DiscreteModel, Discretisation, Edge, Element, SolverKind,
+};
 use glam::{DMat3, DVec3};
 
 /// The largest stable step of a body, and the limiting mode.
@@ -95,48 +97,45 @@ impl LinearTet {
 impl LinearisedModel {
     /// Linearises `network` at rest, with the nodes marked in `pinned` fixed.
     pub fn new(network: &DiscreteModel, pinned: &[bool]) -> LinearisedModel {
-        // If there are elements, the springs are not simulated.
-        let elements = &network.elements;
-        let springs = match elements.is_empty() {
-            true => network.springs.as_slice(),
-            false => &[],
-        };
-        // Rigid regions are held together by their springs here; otherwise loads would tear them
-        // apart.
         let mut body = vec![u32::MAX; network.rest_positions.len()];
-        for (b, rigid) in elements.rigid.iter().enumerate() {
+        for (b, rigid) in network.rigid_bodies().iter().enumerate() {
             for v in &rigid.nodes {
                 body[*v as usize] = b as u32;
             }
         }
-        let in_one = |s: &&crate::physics::Spring| {
-            let [a, b] = s.nodes.map(|v| body[v as usize]);
-            a == b && a != u32::MAX
+        let is_link = |edge: &&Edge| match network.discretisation {
+            Discretisation::Springs(_) => true,
+            // The stiffness of their edges holds rigid regions together here; otherwise loads would
+            // tear them apart.
+            Discretisation::Elements(_) => {
+                let [a, b] = edge.nodes.map(|v| body[v as usize]);
+                a == b && a != u32::MAX
+            }
         };
-        let ties = match elements.rigid.is_empty() {
-            true => &[],
-            false => network.springs.as_slice(),
-        };
-        let springs = springs.iter().chain(ties.iter().filter(in_one));
-        let tets = elements.tets.iter();
-        let links = springs.map(|s| {
-            let [i, j] = s.nodes.map(|v| v as usize);
+        let links = network.edges.iter().filter(is_link).map(|edge| {
+            let [i, j] = edge.nodes.map(|v| v as usize);
             LinearSpring {
                 nodes: [i, j],
                 direction: (network.rest_positions[j] - network.rest_positions[i])
                     .normalize_or_zero(),
-                stiffness: s.stiffness,
-                damping: network.spring_damping(s),
+                stiffness: edge.stiffness,
+                damping: network.spring_damping(edge),
             }
         });
-        let undamped = network.damping == 0.0 && network.damping_time == 0.0;
-        let axial = network.damping_kind == Damping::Axial;
+        let springs = network.springs().copied().unwrap_or_default();
+        let axial = springs.damping_kind == Damping::Axial;
+        let undamped = springs.damping == 0.0 && network.damping_time == 0.0;
+        let elements = network.elements();
         LinearisedModel {
             links: links.collect(),
-            tets: tets
-                .map(|e| LinearTet::new(&elements.without_averaged_lambda(e), elements.law))
-                .collect(),
-            volumes: elements.volume_gradients(&network.rest_positions),
+            tets: elements.map_or(Vec::new(), |elements| {
+                let tets = elements.tets.iter();
+                tets.map(|e| LinearTet::new(&elements.without_averaged_lambda(e), elements.law))
+                    .collect()
+            }),
+            volumes: elements.map_or(Vec::new(), |elements| {
+                elements.volume_gradients(&network.rest_positions)
+            }),
             damping_time: network.damping_time,
             weights: network
                 .masses
@@ -144,9 +143,9 @@ impl LinearisedModel {
                 .zip(pinned)
                 .map(|(m, p)| if *p || *m <= 0.0 { 0.0 } else { 1.0 / m.sqrt() })
                 .collect(),
-            kind: network.damping_kind,
-            proportional: undamped || axial && network.damping == 0.0 || !elements.is_empty(),
-            mass_damping: elements.mass_damping,
+            kind: springs.damping_kind,
+            proportional: undamped || axial && springs.damping == 0.0,
+            mass_damping: elements.map_or(0.0, |elements| elements.mass_damping),
         }
     }
 

@@ -256,10 +256,10 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     let Some(network) = simulator.model() else {
         return Err(refused("cages"));
     };
-    if !network.elements.rigid.is_empty() {
+    if !network.rigid_bodies().is_empty() {
         return Err(refused("rigid regions (unsupported by explicit solvers)"));
     }
-    let springs = network.springs.len();
+    let springs = network.edges.len();
     let material = &scene.material;
     let stiffness = match material.stiffness {
         Some(kappa) => (kappa, "N/m"),

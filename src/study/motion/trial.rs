@@ -176,7 +176,7 @@ impl MotionTrial {
         match self.simulator.model() {
             Some(network) => {
                 let mut kinds = SolverKind::ALL.to_vec();
-                if !network.elements.is_empty() && self.engine() == Engine::Cpu {
+                if network.elements().is_some() && self.engine() == Engine::Cpu {
                     kinds.extend(SolverKind::ELEMENT_ONLY);
                 }
                 kinds

@@ -122,8 +122,8 @@ impl Cube {
         let engine = if on == GPU { Engine::Gpu } else { Engine::Cpu };
         let choice = EngineChoice::Exactly(engine);
         let mut body = choice.build_tets(gpu, self.mesh.clone(), &Material::soft_tissue(), kind)?;
-        let (rest, springs) = (&body.mesh().nodes, body.spring_pairs().into_iter());
-        let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), springs, DVec3::NEG_Z);
+        let (rest, edges) = (&body.mesh().nodes, body.edge_nodes().into_iter());
+        let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), edges, DVec3::NEG_Z);
         body.pin_nodes(&end.nodes)?;
         body.loads_mut().set_gravity(9.81 * end.load_direction());
         let limit = body.largest_stable_step();

@@ -182,7 +182,7 @@ fn cage_preserves_mass_and_region_stiffness() {
         let apart = centre(&cage.network).distance(centre(&network));
         assert!(apart < 0.003, "{kind}: {apart}");
         let [soft, stiff] = [0.02..0.08, 0.12..0.18].map(|range| {
-            let inside = cage.network.springs.iter().filter(|s| {
+            let inside = cage.network.edges.iter().filter(|s| {
                 let ends = s.nodes.map(|v| {
                     cage.network
                         .to_file(cage.network.rest_positions[v as usize])

@@ -13,7 +13,7 @@ pub fn rigid_pieces(mesh: &TetMesh, labels: BTreeSet<i64>) -> Vec<usize> {
         ..Material::from_young(1e5)
     };
     let network = DiscreteModel::new(mesh, &material).unwrap();
-    let bodies = network.elements.rigid.iter();
+    let bodies = network.rigid_bodies().iter();
     bodies.map(|b| b.nodes.len()).collect()
 }
 

@@ -165,7 +165,7 @@ fn regions_and_scale_fields_scale_stiffness() {
     let tenfold = labels.iter().map(|l| 1.0 + 9.0 * l).collect();
     mesh.set_field(Field::scalar("tenfold", Location::Cell, tenfold))
         .unwrap();
-    let springs = |material: &Material| DiscreteModel::new(&mesh, material).unwrap().springs;
+    let springs = |material: &Material| DiscreteModel::new(&mesh, material).unwrap().edges;
     for stiffness in [Stiffness::Young(1e5), Stiffness::Uniform(3e3)] {
         let (Stiffness::Young(value) | Stiffness::Uniform(value)) = stiffness;
         let plain = Material {

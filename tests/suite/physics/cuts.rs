@@ -79,7 +79,7 @@ fn bar_cut_through_separates() {
     let rest = &body.network().rest_positions;
     let whole = across(body.network().to_metres(at), DVec3::X, 0.2);
     let crossing = |network: &DiscreteModel| {
-        let crosses = |s: &palpate::physics::Spring| {
+        let crosses = |s: &palpate::physics::Edge| {
             let [a, b] = s.nodes.map(|v| rest[v as usize]);
             // A node on the blade belongs to either side.
             a.x.abs().min(b.x.abs()) > 1e-9 && whole.separates(a, b)
@@ -89,9 +89,9 @@ fn bar_cut_through_separates() {
             tet.iter().for_each(|v| owner[*v as usize] = piece[t]);
         }
         let links =
-            |s: &palpate::physics::Spring| owner[s.nodes[0] as usize] != owner[s.nodes[1] as usize];
+            |s: &palpate::physics::Edge| owner[s.nodes[0] as usize] != owner[s.nodes[1] as usize];
         network
-            .springs
+            .edges
             .iter()
             .filter(|s| crosses(s) || links(s))
             .count()
@@ -175,7 +175,7 @@ fn cut_body_motion_matches_float64() {
         // The model equals the one built from the current mesh.
         let fresh = DiscreteModel::new(&twins.mesh, &material).unwrap();
         let network = twins.body.network();
-        assert_eq!(network.springs, fresh.springs);
+        assert_eq!(network.edges, fresh.edges);
         assert_eq!(network.masses, fresh.masses);
         assert_eq!(network.rest_positions, fresh.rest_positions);
     }
@@ -186,7 +186,7 @@ fn comparison_detects_uncut_reference() {
     let gpu = Gpu::new().unwrap();
     let kind = SolverKind::Symplectic;
     let mut twins = cut_ball(&gpu, &Material::from_young(20_000.0), kind);
-    let spring = &mut twins.truth.network.springs[100];
+    let spring = &mut twins.truth.network.edges[100];
     spring.stiffness *= 0.5;
     let step = largest_stable_step(
         twins.body.network(),
@@ -309,7 +309,7 @@ fn removed_slab_leaves_two_halves() {
     let (mass, _) = mass_and_momentum(&twins.body);
     assert!((mass / before - 0.75).abs() < 1e-12);
     twins.truth = ReferenceSprings::new(DiscreteModel::new(&twins.mesh, &material).unwrap());
-    assert_eq!(twins.truth.network.springs, twins.body.network().springs);
+    assert_eq!(twins.truth.network.edges, twins.body.network().edges);
     twins.take_over();
     stepper.run(&mut twins.body, 6, 1e-4).unwrap();
     step_truth(SolverKind::Symplectic, &mut twins.truth, 6, 1e-4);

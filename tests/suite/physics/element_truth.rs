@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use palpate::physics::reference::linear::conjugate_gradients;
-use palpate::physics::{ConstitutiveModel, DiscreteModel, GpuBody};
+use palpate::physics::{ConstitutiveModel, DiscreteModel, Elements, GpuBody};
 
 /// A body and its state in float64, SI units.
 pub struct Truth {
@@ -29,18 +29,22 @@ impl Truth {
         }
     }
 
+    fn elements(&self) -> &Elements {
+        self.network.elements().unwrap()
+    }
+
     pub fn law(&self) -> ConstitutiveModel {
-        self.network.elements.law
+        self.elements().law
     }
 
     pub fn energy(&self, x: &[DVec3]) -> f64 {
-        let tets = self.network.elements.tets.iter();
+        let tets = self.network.tets().iter();
         tets.map(|e| e.energy(self.law(), &e.nodes.map(|v| x[v as usize])))
             .sum()
     }
 
     pub fn blocks(&self, x: &[DVec3]) -> Blocks {
-        let tets = self.network.elements.tets.iter();
+        let tets = self.network.tets().iter();
         tets.map(|e| {
             let corners = e.nodes.map(|v| x[v as usize]);
             (e.nodes, e.projected_stiffness(self.law(), &corners))
@@ -51,12 +55,12 @@ impl Truth {
     /// Returns the elastic forces, the weight, and the damping forces for the velocities `v`.
     pub fn forces(&self, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
         let masses = self.network.masses.iter();
-        let drag = self.network.elements.mass_damping;
+        let drag = self.elements().mass_damping;
         let mut f: Vec<DVec3> = masses
             .zip(v)
             .map(|(m, v)| *m * (self.gravity - drag * *v))
             .collect();
-        for e in &self.network.elements.tets {
+        for e in self.network.tets() {
             let shares = e.forces(self.law(), &e.nodes.map(|v| x[v as usize]));
             for (v, share) in e.nodes.iter().zip(shares) {
                 f[*v as usize] += share;
@@ -91,7 +95,7 @@ impl Truth {
         let blocks = self.blocks(&x);
         let masses = &self.network.masses;
         let scale = h * (h + self.network.damping_time);
-        let drag = 1.0 + h * self.network.elements.mass_damping;
+        let drag = 1.0 + h * self.elements().mass_damping;
         let free = |v: Vec<DVec3>| -> Vec<DVec3> {
             let each = v.into_iter().zip(&self.pinned);
             each.map(|(v, held)| if *held { DVec3::ZERO } else { v })
@@ -145,7 +149,7 @@ impl Truth {
 
     pub fn potential(&self, w: &[DVec3], h: f64) -> f64 {
         let x: Vec<DVec3> = self.x.iter().zip(w).map(|(x, w)| *x + h * *w).collect();
-        let drag = h * self.network.elements.mass_damping;
+        let drag = h * self.elements().mass_damping;
         let inertia: f64 = (0..w.len())
             .filter(|i| !self.pinned[*i])
             .map(|i| {

@@ -86,7 +86,7 @@ fn forces_and_energy_match_float64_in_any_state() {
             let report = Report::new(&body, &mesh).unwrap();
             assert!((report.energy.elastic / energies - 1.0).abs() < 1e-4);
             // The check is effective: the other constitutive model gives other forces.
-            truth.network.elements.law = match truth.law() {
+            truth.network.elements_mut().unwrap().law = match truth.law() {
                 ConstitutiveModel::NeoHookean => ConstitutiveModel::Corotated,
                 ConstitutiveModel::Corotated => ConstitutiveModel::NeoHookean,
             };
@@ -159,7 +159,7 @@ fn swinging(gpu: &Gpu, model: MaterialModel, damping_time: f64) -> GpuBody {
         ..material(model)
     };
     let mut network = DiscreteModel::new(&mesh, &material).unwrap();
-    network.elements.mass_damping = 0.4;
+    network.elements_mut().unwrap().mass_damping = 0.4;
     let mut body = GpuBody::from_model(gpu, &mesh, network, &material).unwrap();
     body.pin(|p| p.x < 1e-6);
     body.set_gravity(DVec3::new(0.0, 2.0, -9.81));
@@ -323,7 +323,7 @@ fn scrambled_bodies_recover() {
                 ..material(model)
             };
             let mut network = DiscreteModel::new(&mesh, &damped).unwrap();
-            network.elements.mass_damping = 4.0;
+            network.elements_mut().unwrap().mass_damping = 4.0;
             let mut body = GpuBody::from_model(&gpu, &mesh, network, &damped).unwrap();
             body.pin(|p| p.x < 1e-6);
             let nodes = x.iter().zip(&mesh.nodes).zip(body.pinned());
@@ -367,9 +367,8 @@ fn elements_follow_cuts() {
         let cut = body.cut(&mut mesh, &mut topology, &blade).unwrap();
         assert!(!cut.duplicated_nodes.is_empty());
         let fresh = DiscreteModel::new(&mesh, &made_of).unwrap();
-        let nodes = |n: &DiscreteModel| -> Vec<[u32; 4]> {
-            n.elements.tets.iter().map(|e| e.nodes).collect()
-        };
+        let nodes =
+            |n: &DiscreteModel| -> Vec<[u32; 4]> { n.tets().iter().map(|e| e.nodes).collect() };
         assert_eq!(nodes(body.network()), nodes(&fresh));
         // The separated half falls freely.
         let steps = (0.2 / h) as u32;

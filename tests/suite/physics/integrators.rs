@@ -138,7 +138,7 @@ impl NodeTerm for Wind {
         "suite_wind"
     }
 
-    fn gpu_parameters(&self, _: &LocalFrame, units: &LocalUnits, _: f64) -> [[f32; 4]; 2] {
+    fn shader_parameters(&self, _: &LocalFrame, units: &LocalUnits, _: f64) -> [[f32; 4]; 2] {
         let local = self.0 / units.acceleration();
         [local.as_vec3().extend(0.0).to_array(), [0.0; 4]]
     }

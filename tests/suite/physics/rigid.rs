@@ -35,7 +35,7 @@ fn implicit_schemes_support_rigid_regions() {
     for engine in [Engine::Cpu, Engine::Gpu] {
         let body = made(EngineChoice::Exactly(engine), SolverKind::Implicit).unwrap();
         assert_eq!(body.engine(), engine);
-        assert_eq!(body.model().unwrap().elements.rigid.len(), 1);
+        assert_eq!(body.model().unwrap().rigid_bodies().len(), 1);
     }
     let second = made(EngineChoice::Auto, SolverKind::Midpoint).unwrap();
     assert_eq!(second.engine(), Engine::Cpu);
@@ -92,7 +92,7 @@ fn cut_through(engine: Engine, shape: f64) {
     let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(0.61, y, z))).unwrap();
     let change = body.cut(&blade).unwrap();
     assert!(!change.mesh.duplicated_nodes.is_empty());
-    let bones = body.model().unwrap().elements.rigid.clone();
+    let bones = body.model().unwrap().rigid_bodies().to_vec();
     assert_eq!(bones.len(), 2);
     let after = body.positions().unwrap();
     let moved = before.iter().zip(&after).map(|(a, b)| a.distance(*b));

@@ -96,7 +96,7 @@ fn apart(mesh: &TetMesh, a: &[DVec3], b: &[DVec3]) -> f64 {
 fn strained(body: &dyn Simulator, x: &[DVec3]) -> f64 {
     let rest = &body.mesh().nodes;
     let mut worst = 0.0f64;
-    for rigid in &body.model().unwrap().elements.rigid {
+    for rigid in body.model().unwrap().rigid_bodies() {
         let some: Vec<usize> = rigid.nodes.iter().step_by(3).map(|v| *v as usize).collect();
         for a in &some {
             for b in &some {
@@ -136,7 +136,7 @@ fn rigid_regions_match_cpu_motion() {
     for (name, bone, count) in BONES {
         let scene = bar([10, 5, 5], bone, 1900.0);
         let (mut fast, mut truth) = (on_gpu(&scene), on_cpu(&scene, 1e-9));
-        assert_eq!(fast.model().unwrap().elements.rigid.len(), count);
+        assert_eq!(fast.model().unwrap().rigid_bodies().len(), count);
         let found = swung(&mut fast, 40);
         let there = swung(&mut truth, 40);
         let off = apart(&scene.0, &found, &there);
@@ -320,7 +320,7 @@ fn poses_are_fitted_to_positions() {
     println!("fitted to the set positions within {off:.1e} m");
     assert!(off < 1e-5, "{off}");
     // A single displaced node of the bone is projected back.
-    let bone = body.model().unwrap().elements.rigid[0].nodes[3] as usize;
+    let bone = body.model().unwrap().rigid_bodies()[0].nodes[3] as usize;
     x[bone] += DVec3::new(0.01, 0.0, 0.0);
     body.set_positions(&x).unwrap();
     body.run(1, 0.01).unwrap();

@@ -5,8 +5,8 @@ use glam::DVec3;
 use palpate::generate::{self, Split};
 use palpate::mesh::TetMesh;
 use palpate::physics::{
-    CpuTets, Damping, DiscreteModel, Material, MaterialModel, Precision, Simulator, SolverKind,
-    Spring,
+    CpuTets, Damping, DiscreteModel, Discretisation, Edge, Material, MaterialModel, Precision,
+    Simulator, SolverKind, SpringNetwork,
 };
 use palpate::study::reference_motion::{
     MotionState, converged, distance, fitted_order, motion, reference_motion,
@@ -129,14 +129,16 @@ fn single_spring_matches_exact_oscillation() {
         let material = Material::from_young(1.0);
         let network = DiscreteModel {
             masses: vec![mass; 4],
-            springs: vec![Spring {
+            edges: vec![Edge {
                 nodes: [0, 1],
                 stiffness: kappa,
                 length,
             }],
-            damping,
             damping_time: 0.0,
-            damping_kind: Damping::Axial,
+            discretisation: Discretisation::Springs(SpringNetwork {
+                damping,
+                damping_kind: Damping::Axial,
+            }),
             ..DiscreteModel::new(&mesh, &material).unwrap()
         };
         let scheme = converged(SolverKind::VelocityVerlet);

@@ -14,8 +14,10 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::springs::term::Springs;
 use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::{from_metres, zero};
+use crate::physics::simulator::messages::requires_elements_error;
 use crate::physics::{
-    CgSettings, DiscreteModel, Element, LocalUnits, NewtonSettings, SolverKind, Spring,
+    CgSettings, DiscreteModel, Discretisation, Edge, Element, LocalUnits, NewtonSettings,
+    SolverKind,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -51,19 +53,20 @@ impl<T: Real> CpuBody<T> {
         check_model(network)?;
         let units = LocalUnits::from_model(network);
         let count = network.rest_positions.len();
-        let damping = network.elements.mass_damping * units.time;
         let (network, aggregates, rigid) =
             build_layout(network, kind, &units, nodes_per_aggregate)?;
         let network = network.as_ref();
-        if SolverKind::ELEMENT_ONLY.contains(&kind) && network.elements.is_empty() {
-            return Err(kind.requires_elements_error());
+        if SolverKind::ELEMENT_ONLY.contains(&kind) && network.elements().is_none() {
+            return Err(requires_elements_error(kind));
         }
         let (order, starts) = (aggregates.order, aggregates.group_starts);
         let plan = match chunks {
             Some(chunks) => Partition::with_chunks(starts, chunks),
             None => Partition::new(starts),
         };
-        let newton = (kind.is_implicit() && !network.elements.is_empty()).then(|| {
+        let elements = network.elements().filter(|_| kind.is_implicit());
+        let newton = elements.map(|elements| {
+            let damping = elements.mass_damping * units.time;
             let mut newton = NewtonSolver::new(&plan, newton_settings(kind, settings), damping);
             newton.rigid = rigid;
             newton
@@ -146,14 +149,16 @@ fn check_settings(settings: CgSettings) -> Result<()> {
 /// Checks that the nodes of a model are there, and its mass damping.
 fn check_model(network: &DiscreteModel) -> Result<()> {
     let nodes = network.rest_positions.len();
-    let strange = |s: &Spring| s.nodes.iter().any(|v| *v as usize >= nodes);
-    if network.masses.len() != nodes || network.springs.iter().any(strange) {
+    let strange = |e: &Edge| e.nodes.iter().any(|v| *v as usize >= nodes);
+    if network.masses.len() != nodes || network.edges.iter().any(strange) {
         return Err(Error::Input(format!(
             "a model of {nodes} nodes has {} masses, or springs to nodes that do not exist; give one mass per node and existing nodes",
             network.masses.len()
         )));
     }
-    let elements = &network.elements;
+    let Some(elements) = network.elements() else {
+        return Ok(());
+    };
     let strange = |e: &Element| e.nodes.iter().any(|v| *v as usize >= nodes);
     let damped = elements.mass_damping;
     if elements.tets.iter().any(strange) || !(damped >= 0.0 && damped.is_finite()) {
@@ -182,18 +187,17 @@ fn inverse_order(order: &[u32]) -> Vec<u32> {
     place
 }
 
-/// Returns the term of the material, in the given node order, units and partition: finite elements
-/// if there are any, since the springs then only represent the edges of the mesh.
+/// Returns the term of the springs or elements, in the given node order, units and partition.
 fn material_term<T: Real>(
     network: &DiscreteModel,
     kind: SolverKind,
-    (order, units, plan): (&[u32], LocalUnits, &Partition),
+    with: (&[u32], LocalUnits, &Partition),
 ) -> Box<dyn Term<T>> {
-    match network.elements.is_empty() {
-        true => Box::new(Springs::new(network, order, &units, plan)),
-        false => {
-            let with = (order, units, plan);
-            Box::new(ElementTerm::new(network, with, kind.is_implicit()))
+    match &network.discretisation {
+        Discretisation::Springs(springs) => Box::new(Springs::new(network, springs, with)),
+        Discretisation::Elements(elements) => {
+            let implicit = kind.is_implicit();
+            Box::new(ElementTerm::new((network, elements), with, implicit))
         }
     }
 }

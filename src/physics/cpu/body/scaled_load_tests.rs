@@ -147,7 +147,7 @@ fn muscle_forces_and_blocks_are_energy_derivatives() {
     let level = 0.6;
     let energy = |x: &[DVec3]| -> f64 {
         let of = |(t, m): &(u32, DVec3)| {
-            let element = network.elements.tets[*t as usize];
+            let element = network.tets()[*t as usize];
             let f = element.deformation_gradient(&mesh.tets[*t as usize].map(|v| x[v as usize]));
             0.5 * level * muscle.tension * element.volume * (f * *m).length_squared()
         };

@@ -59,7 +59,7 @@ impl BodyModel for CpuTetModel {
     }
 
     fn check_prescribed_motion(&self, nodes: &[u32]) -> Result<()> {
-        let mut bones = self.network.elements.rigid.iter();
+        let mut bones = self.network.rigid_bodies().iter();
         match bones.any(|b| nodes.iter().any(|v| b.nodes.binary_search(v).is_ok())) {
             true => Err(Error::Input(
                 "cannot prescribe the motion of nodes of a rigid region; move soft nodes, or hold the region by a grab and move the grab".into(),
@@ -228,7 +228,7 @@ impl Reactions for CpuTets {
         self.sync_loads()?;
         self.finish()?;
         let mut forces = self.worker.body().forces();
-        let rigid = self.model.network.elements.rigid.iter();
+        let rigid = self.model.network.rigid_bodies().iter();
         for v in rigid.flat_map(|body| &body.nodes) {
             forces[*v as usize] = DVec3::NAN;
         }
@@ -236,7 +236,7 @@ impl Reactions for CpuTets {
     }
 
     fn region_force(&mut self, label: i64) -> Result<Option<Reaction>> {
-        let mut bodies = self.model.network.elements.rigid.iter();
+        let mut bodies = self.model.network.rigid_bodies().iter();
         let Some(b) = bodies.position(|body| body.labels.contains(&label)) else {
             return Ok(None);
         };

@@ -17,7 +17,7 @@ use crate::physics::cpu::vectors::{self, V4};
 use crate::physics::reference::integrators;
 use crate::physics::reference::springs::ReferenceSprings;
 use crate::physics::{
-    CgSettings, Damping, DiscreteModel, Material, SolverKind, Spring, largest_stable_step,
+    CgSettings, Damping, DiscreteModel, Edge, Material, SolverKind, largest_stable_step,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -231,12 +231,11 @@ fn compare<T: Real>(network: &DiscreteModel, attach: bool, limit: [f64; 2], tole
             }
             let error = pair.error();
             println!(
-                "{kind} in {} chunks, {} nodes, damped {} {} {:?}: {error:?}",
+                "{kind} in {} chunks, {} nodes, damped {} {:?}: {error:?}",
                 pair.body.chunk_count(),
                 network.rest_positions.len(),
-                network.damping,
                 network.damping_time,
-                network.damping_kind,
+                network.springs(),
             );
             assert!(
                 error[0] < limit[0] && error[1] < limit[1],
@@ -281,7 +280,7 @@ pub fn any_network(seed: u64) -> DiscreteModel {
         if a != b {
             let kind = pick() % 4;
             let rest = network.rest_positions[a].distance(network.rest_positions[b]);
-            network.springs.push(Spring {
+            network.edges.push(Edge {
                 nodes: [a.min(b) as u32, a.max(b) as u32],
                 stiffness: 100.0 * (1.1 + next()),
                 length: [0.0, rest, 0.7 * rest, 1.4 * rest][kind],
@@ -293,9 +292,9 @@ pub fn any_network(seed: u64) -> DiscreteModel {
     }
     // Two coincident nodes, on a spring of zero length.
     network.rest_positions[4] = network.rest_positions[5];
-    for s in &mut network.springs {
-        if s.nodes == [4, 5] {
-            s.length = 0.0;
+    for edge in &mut network.edges {
+        if edge.nodes == [4, 5] {
+            edge.length = 0.0;
         }
     }
     network
@@ -312,8 +311,8 @@ fn random_network_step_matches_reference() {
 fn comparison_detects_perturbed_reference() {
     let network = bar(600, 1.0, 1e-4, 1e-3, Damping::Axial);
     let spoil: [fn(&mut ReferenceSprings); 4] = [
-        |p| p.network.springs[100].stiffness *= 1.001,
-        |p| p.network.damping_kind = Damping::Relative,
+        |p| p.network.edges[100].stiffness *= 1.001,
+        |p| p.network.springs_mut().unwrap().damping_kind = Damping::Relative,
         |p| p.gravity *= 1.001,
         |p| p.pinned[60] = !p.pinned[60],
     ];
@@ -337,7 +336,8 @@ fn term_of(
     let lumps = Aggregates::new(&network.rest_positions, 24);
     let plan = Partition::with_chunks(lumps.group_starts, chunks);
     let units = LocalUnits::from_model(network);
-    let springs = Springs::new(network, &lumps.order, &units, &plan);
+    let with = (&lumps.order[..], units, &plan);
+    let springs = Springs::new(network, network.springs().unwrap(), with);
     (springs, plan, lumps.order, units)
 }
 
@@ -356,7 +356,7 @@ fn system_matrix_matches_reference() {
         (3, Damping::Axial),
     ] {
         let mut network = any_network(seed);
-        network.damping_kind = kind;
+        network.springs_mut().unwrap().damping_kind = kind;
         let count = network.rest_positions.len();
         let mut twin = ReferenceSprings::new(network.clone());
         twin.x = (0..count)

@@ -68,7 +68,7 @@ impl CpuTets {
         CpuTets::of_network(gpu, (mesh, network), material, (kind, settings), precision)
     }
 
-    /// As [`CpuTets::new`], with a custom model of masses and springs, such as that of a cage.
+    /// As [`CpuTets::new`], with a custom model, such as that of a cage.
     ///
     /// # Errors
     /// [`Error::Input`] if `network` does not match `mesh`; otherwise as [`CpuTets::new`].

@@ -30,8 +30,8 @@ impl EnclosedComponents {
         u: &[V4<T>],
     ) -> EnclosedComponents {
         let mut leads: Vec<u32> = (0..hull.rest.len() as u32).collect();
-        let tets = network.elements.tets.iter().map(|e| &e.nodes[..]);
-        let rigid = network.elements.rigid.iter().map(|body| &body.nodes[..]);
+        let tets = network.tets().iter().map(|e| &e.nodes[..]);
+        let rigid = network.rigid_bodies().iter().map(|body| &body.nodes[..]);
         for nodes in tets.chain(rigid) {
             for pair in nodes.windows(2) {
                 let [a, b] = [pair[0], pair[1]].map(|v| root(&mut leads, place[v as usize]));

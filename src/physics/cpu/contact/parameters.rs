@@ -33,7 +33,7 @@ pub(in crate::physics) fn check_contact(
     network: &DiscreteModel,
     kind: SolverKind,
 ) -> Result<()> {
-    if network.elements.is_empty() {
+    if network.elements().is_none() {
         return Err(Error::Input(format!(
             "contact with {what} requires finite elements, but the body is made of springs; use --material neo-hookean (or corotated)"
         )));
@@ -71,7 +71,7 @@ pub(in crate::physics) fn face_stiffnesses(
 ) -> impl Iterator<Item = ([u32; 3], f64)> {
     let mut around = vec![(0.0, 0.0); network.rest_positions.len()];
     let (mut all, mut volume) = (0.0, 0.0);
-    for e in &network.elements.tets {
+    for e in network.tets() {
         let young = YOUNG_OVER_MU * e.lame_parameters[0];
         all += young * e.volume;
         volume += e.volume;

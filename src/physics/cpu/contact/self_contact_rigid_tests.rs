@@ -46,7 +46,7 @@ fn spinning_rigid_regions_have_no_tunnelling() {
     for friction in [Some(0.3), None] {
         let mut meeting = Meeting::<f32>::new(&mesh, &material, friction);
         assert_eq!(meeting.through, 0);
-        assert_eq!(meeting.network.elements.rigid.len(), 2);
+        assert_eq!(meeting.network.rigid_bodies().len(), 2);
         let x = meeting.body.positions();
         let middle = |range: std::ops::Range<usize>| {
             let len = range.len() as f64;

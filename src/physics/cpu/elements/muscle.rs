@@ -49,7 +49,7 @@ impl<T: Real> MuscleTerm<T> {
     ) -> MuscleTerm<T> {
         // A muscle does not act within a rigid body.
         let mut bones = vec![u32::MAX; network.rest_positions.len()];
-        for (b, body) in network.elements.rigid.iter().enumerate() {
+        for (b, body) in network.rigid_bodies().iter().enumerate() {
             body.nodes
                 .iter()
                 .for_each(|v| bones[*v as usize] = b as u32);

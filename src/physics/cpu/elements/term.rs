@@ -65,10 +65,10 @@ struct AssemblyOptions<T> {
 }
 
 impl<T: Real> ElementTerm<T> {
-    /// Creates the term for the elements of `network`, whose node `order[k]` is the engine's k-th,
+    /// Creates the term for `elements`, those of `network`, whose node `order[k]` is the engine's k-th,
     /// partitioned by `plan`; `implicit` if they will be linearised.
     pub fn new(
-        network: &DiscreteModel,
+        (network, elements): (&DiscreteModel, &Elements),
         (order, units, plan): (&[u32], LocalUnits, &Partition),
         implicit: bool,
     ) -> ElementTerm<T> {
@@ -76,11 +76,10 @@ impl<T: Real> ElementTerm<T> {
         for (k, v) in order.iter().enumerate() {
             place[*v as usize] = k as u32;
         }
-        let elements = &network.elements;
         let sorted = sorted_tets(&elements.tets, &place);
         let cells = elements.cells();
         let lists = lists_of_chunks(&sorted, plan);
-        let alpha = network.elements.mass_damping / units.damping();
+        let alpha = elements.mass_damping / units.damping();
         let drag = |v: &u32| T::from_f64(alpha * network.masses[*v as usize]);
         let chunks = lists.into_iter().enumerate().map(|(c, (inner, outer))| {
             let mine = || inner.iter().chain(&outer).map(|t| &t.0.0);
@@ -115,7 +114,7 @@ impl<T: Real> ElementTerm<T> {
             }
         });
         let mut tets = ElementTerm {
-            law: network.elements.law,
+            law: elements.law,
             chunks: chunks.collect(),
             damping: T::from_f64(network.damping_time / units.time),
             projected: false,

@@ -14,7 +14,7 @@ use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{V4, apply_symmetric, from_metres};
 use crate::physics::model::elements::eigen;
 use crate::physics::{
-    ConstitutiveModel, DiscreteModel, Element, Elements, LocalUnits, Material,
+    ConstitutiveModel, DiscreteModel, Discretisation, Element, Elements, LocalUnits, Material,
     VolumetricFormulation,
 };
 use glam::{DMat3, DVec3};
@@ -234,17 +234,20 @@ fn projected_blocks_are_positive_semidefinite() {
     }
 }
 
-/// A deformed bar of elements, with or without springs along its edges.
-pub fn bar(cells: [usize; 3], law: ConstitutiveModel, springs: bool) -> DiscreteModel {
+/// A bar of elements, with or without edges.
+pub fn bar(cells: [usize; 3], law: ConstitutiveModel, edges: bool) -> DiscreteModel {
     let mesh = generate::bar(cells, DVec3::new(0.8, 0.2, 0.2)).unwrap();
     let mut network = DiscreteModel::new(&mesh, &Material::from_young(1e5)).unwrap();
-    if !springs {
-        network.springs.clear();
+    if !edges {
+        network.edges.clear();
     }
-    network.elements.law = law;
     let (tets, rest) = (mesh.tets.iter(), &network.rest_positions);
     let element = |t: &[u32; 4]| Element::new(*t, t.map(|v| rest[v as usize]), 1e6, 0.3, law);
-    network.elements.tets = tets.map(|t| element(t).unwrap()).collect();
+    network.discretisation = Discretisation::Elements(Elements {
+        law,
+        tets: tets.map(|t| element(t).unwrap()).collect(),
+        ..Elements::default()
+    });
     network
 }
 
@@ -252,9 +255,10 @@ pub fn bar(cells: [usize; 3], law: ConstitutiveModel, springs: bool) -> Discrete
 /// a few tetrahedra have no cells.
 fn mixed(law: ConstitutiveModel, volume: VolumetricFormulation, contrast: f64) -> DiscreteModel {
     let mut network = bar([5, 3, 2], law, false);
-    network.elements.volume = volume;
-    let (rest, tets) = (&network.rest_positions, &mut network.elements.tets);
-    for e in tets {
+    let rest = network.rest_positions.clone();
+    let elements = network.elements_mut().unwrap();
+    elements.volume = volume;
+    for e in &mut elements.tets {
         let corners = e.nodes.map(|v| rest[v as usize]);
         let stiff = corners.iter().map(|x| x.x).sum::<f64>() > 0.3;
         let (young, poisson) = if stiff {
@@ -284,7 +288,7 @@ fn element_term_matches_reference() {
     ] {
         let mut network = mixed(law, volume, contrast);
         network.damping_time = 0.3;
-        let elements = &network.elements;
+        let elements = network.elements().unwrap();
         let count = network.rest_positions.len();
         let moved: Vec<DVec3> = some(count, 3, 0.02);
         let p = some(count, 4, 1.0);
@@ -327,7 +331,8 @@ fn element_term_matches_reference() {
                 places.map(|i| from_metres(v[*i as usize], unit)).collect()
             };
             let (u, q) = (local(&moved, units.length), local(&p, units.length));
-            let mut term = ElementTerm::<f64>::new(&network, (&lumps.order, units, &plan), true);
+            let layout = (&lumps.order[..], units, &plan);
+            let mut term = ElementTerm::<f64>::new((&network, elements), layout, true);
             let mut f = vec![[0.0; 4]; count];
             let sum = |f: &mut [V4<f64>]| -> f64 {
                 (0..chunks)
@@ -423,9 +428,9 @@ fn averaged_volume_forces_and_hessian_are_energy_derivatives() {
         let network = mixed(law, VolumetricFormulation::NodalAveraged, contrast);
         let per_tet = Elements {
             volume: VolumetricFormulation::PerTet,
-            ..network.elements.clone()
+            ..network.elements().unwrap().clone()
         };
-        let elements = &network.elements;
+        let elements = network.elements().unwrap();
         let rest = &network.rest_positions;
         let strain = DMat3::from_cols(
             DVec3::new(1.1, 0.2, 0.0),

@@ -115,7 +115,7 @@ impl BodyModel for CpuGridModel {
         &self.grid.masses
     }
 
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
         self.grid.spring_pairs()
     }
 

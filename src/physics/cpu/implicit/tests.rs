@@ -56,7 +56,7 @@ fn off(network: &DiscreteModel, a: &[DVec3], b: &[DVec3]) -> f64 {
 }
 
 fn inverted(network: &DiscreteModel, x: &[DVec3]) -> usize {
-    let tets = network.elements.tets.iter();
+    let tets = network.tets().iter();
     tets.filter(|e| {
         e.deformation_gradient(&e.nodes.map(|v| x[v as usize]))
             .determinant()
@@ -67,9 +67,10 @@ fn inverted(network: &DiscreteModel, x: &[DVec3]) -> usize {
 
 fn forces(network: &DiscreteModel, x: &[DVec3]) -> Vec<DVec3> {
     let mut f = vec![DVec3::ZERO; x.len()];
-    for e in &network.elements.tets {
+    let elements = network.elements().unwrap();
+    for e in &elements.tets {
         let corners = e.nodes.map(|v| x[v as usize]);
-        for (v, force) in e.nodes.iter().zip(e.forces(network.elements.law, &corners)) {
+        for (v, force) in e.nodes.iter().zip(e.forces(elements.law, &corners)) {
             f[*v as usize] += force;
         }
     }
@@ -78,7 +79,7 @@ fn forces(network: &DiscreteModel, x: &[DVec3]) -> Vec<DVec3> {
 
 #[test]
 fn step_solves_its_equation() {
-    // Elements, their weight and a floor; the network's springs are not simulated.
+    // Elements, their weight and a floor; the edges exert no forces.
     for (law, chunks) in [
         (ConstitutiveModel::NeoHookean, 1),
         (ConstitutiveModel::Corotated, 3),
@@ -113,7 +114,7 @@ fn step_solves_its_equation() {
 fn inverted_states_recover() {
     for law in [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated] {
         let mut network = bar([8, 4, 4], law, false);
-        network.elements.mass_damping = 4.0;
+        network.elements_mut().unwrap().mass_damping = 4.0;
         let mut settled = body::<f64>(&network, 1, NewtonSettings::default());
         settled.run(300, 0.01).unwrap();
         let rest = settled.positions();
@@ -307,7 +308,7 @@ fn schemes_converge_at_expected_order() {
     ] {
         let mut network = bar([4, 1, 1], law, false);
         network.damping_time = beta;
-        network.elements.mass_damping = alpha;
+        network.elements_mut().unwrap().mass_damping = alpha;
         let truth = end_of(&network, ImplicitScheme::Midpoint, 4096, false);
         for (rule, uneven, order) in [
             (ImplicitScheme::Euler, false, 1.0),
@@ -328,7 +329,7 @@ fn schemes_converge_at_expected_order() {
 fn explicit_schemes_support_elements() {
     let mut network = bar([4, 1, 1], ConstitutiveModel::NeoHookean, false);
     network.damping_time = 1e-4;
-    network.elements.mass_damping = 3.0;
+    network.elements_mut().unwrap().mass_damping = 3.0;
     let truth = end_of(&network, ImplicitScheme::Midpoint, 1024, false);
     for law in [ConstitutiveModel::NeoHookean, ConstitutiveModel::Corotated] {
         let mut network = network.clone();
@@ -337,7 +338,7 @@ fn explicit_schemes_support_elements() {
             ConstitutiveModel::Corotated => {
                 network = bar([4, 1, 1], law, false);
                 network.damping_time = 1e-4;
-                network.elements.mass_damping = 3.0;
+                network.elements_mut().unwrap().mass_damping = 3.0;
                 end_of(&network, ImplicitScheme::Midpoint, 1024, false)
             }
         };

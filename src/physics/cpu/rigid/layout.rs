@@ -34,7 +34,7 @@ pub(in crate::physics::cpu) fn build_layout<'a>(
     units: &LocalUnits,
     most: impl Fn(usize) -> usize,
 ) -> Result<(Cow<'a, DiscreteModel>, Aggregates, RigidBodies)> {
-    if network.elements.rigid.is_empty() {
+    if network.rigid_bodies().is_empty() {
         let lumps = Aggregates::new(&network.rest_positions, most(network.rest_positions.len()));
         return Ok((Cow::Borrowed(network), lumps, RigidBodies::default()));
     }
@@ -68,7 +68,7 @@ impl RigidLayout {
         most: impl Fn(usize) -> usize,
     ) -> Result<RigidLayout> {
         let count = network.rest_positions.len();
-        let bodies = &network.elements.rigid;
+        let bodies = network.rigid_bodies();
         let owner = node_owners(bodies, count)?;
         let (outside, held) = outer_nodes(network);
         let free: Vec<u32> = (0..count as u32)
@@ -159,10 +159,10 @@ fn soft_aggregates(free: &[u32], points: &[DVec3], most: impl Fn(usize) -> usize
 fn outer_nodes(network: &DiscreteModel) -> (Vec<bool>, Vec<bool>) {
     let count = network.rest_positions.len();
     let mut outside = vec![false; count];
-    let surface = network.elements.rigid.iter().flat_map(|b| &b.surface);
+    let surface = network.rigid_bodies().iter().flat_map(|b| &b.surface);
     surface.for_each(|v| outside[*v as usize] = true);
     let mut held = vec![false; count];
-    for v in network.elements.tets.iter().flat_map(|e| &e.nodes) {
+    for v in network.tets().iter().flat_map(|e| &e.nodes) {
         held[*v as usize] = true;
         outside[*v as usize] = true;
     }

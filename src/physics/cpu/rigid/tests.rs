@@ -114,7 +114,7 @@ fn rotor(network: &DiscreteModel, spin: DVec3, time: f64) -> DQuat {
 #[test]
 fn free_rigid_body_matches_closed_form_motion() {
     let network = bar([4, 3, 2], |_| true, None, 0.0);
-    assert!(network.elements.tets.is_empty() && network.elements.rigid.len() == 1);
+    assert!(network.tets().is_empty() && network.rigid_bodies().len() == 1);
     let gravity = DVec3::new(1.0, -2.0, -9.81);
     let (_, centre, _) = moments(&network, &network.rest_positions, &network.rest_positions);
     let (start, whirl) = (DVec3::new(0.3, 0.1, 2.0), DVec3::new(3.0, 1.0, -0.5));
@@ -170,7 +170,7 @@ fn free_rigid_body_matches_closed_form_motion() {
 #[test]
 fn rigid_regions_keep_shape_and_eliminate_interior_nodes() {
     let network = bar([12, 6, 6], |p| p.x > 0.5 && p.x < 0.92, None, 1e-3);
-    let rigid = &network.elements.rigid[0];
+    let rigid = &network.rigid_bodies()[0];
     let mut body = body::<f32>(&network, SolverKind::Implicit, NewtonSettings::default());
     body.set_pinned(&low_end(&network)).unwrap();
     body.set_gravity(DVec3::new(0.0, 3.0, -9.81));
@@ -296,22 +296,21 @@ fn step_is_stationary_over_rigid_motions() {
         let inertia: f64 = inertia
             .map(|((m, x), g)| 0.5 * m * x.distance_squared(*g) / (h * h))
             .sum();
-        let elements = network.elements.tets.iter();
-        let energy = |e: &crate::physics::Element| {
-            e.energy(network.elements.law, &e.nodes.map(|v| at[v as usize]))
-        };
+        let elements = network.elements().unwrap();
+        let energy =
+            |e: &crate::physics::Element| e.energy(elements.law, &e.nodes.map(|v| at[v as usize]));
         // Damping is evaluated at the start of the step.
         let loss = |e: &crate::physics::Element| {
             let corners = e.nodes.map(|v| x[v as usize]);
-            let blocks = e.projected_stiffness(network.elements.law, &corners);
+            let blocks = e.projected_stiffness(elements.law, &corners);
             let w = e.nodes.map(|v| (at[v as usize] - x[v as usize]) / h);
             let pairs = (0..16).map(|k| w[k / 4].dot(blocks[k / 4][k % 4] * w[k % 4]));
             0.5 * h * damping * pairs.sum::<f64>()
         };
-        let tets = network.elements.tets.iter();
-        inertia + elements.map(energy).sum::<f64>() + tets.map(loss).sum::<f64>()
+        let tets = || elements.tets.iter();
+        inertia + tets().map(energy).sum::<f64>() + tets().map(loss).sum::<f64>()
     };
-    let nodes = &network.elements.rigid[0].nodes;
+    let nodes = &network.rigid_bodies()[0].nodes;
     let centre = nodes.iter().map(|v| after[*v as usize]).sum::<DVec3>() / nodes.len() as f64;
     let slope = |by: f64, change: &dyn Fn(f64, &mut [DVec3])| {
         let at = |s: f64| {
@@ -351,7 +350,7 @@ fn step_is_stationary_over_rigid_motions() {
     assert!(worst < 1e-5 * weight, "{worst} {weight}");
     // A single node of the bone would reduce Φ: its gradient is balanced by the rigidity
     // constraint.
-    let i = *network.elements.rigid[0].nodes.first().unwrap() as usize;
+    let i = *network.rigid_bodies()[0].nodes.first().unwrap() as usize;
     let alone = slope(1e-6, &|s, y| y[i] += s * DVec3::X).abs();
     assert!(alone > 1e-2 * weight, "{alone}");
     assert_eq!(Pose::from_array([0.5; 7]).to_array(), [0.5; 7]);
@@ -475,10 +474,10 @@ fn rigid_regions_rotate_about_pins_and_follow_fixed_nodes() {
 #[test]
 fn forces_on_rigid_region_act_as_force_and_torque() {
     let network = bar([6, 4, 4], |_| true, None, 0.0);
-    let inside = network.elements.rigid[0]
+    let inside = network.rigid_bodies()[0]
         .nodes
         .iter()
-        .find(|v| !network.elements.rigid[0].surface.contains(v))
+        .find(|v| !network.rigid_bodies()[0].surface.contains(v))
         .copied()
         .unwrap() as usize;
     let (mass, centre, _) = moments(&network, &network.rest_positions, &network.rest_positions);
@@ -561,7 +560,7 @@ fn rigid_region_rests_on_floor() {
     use crate::physics::cpu::node_terms::NodeTerms;
     use crate::physics::{Floor, NodeTerm};
     let network = bar([4, 3, 3], |_| true, None, 0.0);
-    let rigid = &network.elements.rigid[0];
+    let rigid = &network.rigid_bodies()[0];
     assert!(rigid.surface.len() < rigid.nodes.len());
     let floor = Floor::new(DVec3::new(0.0, 0.0, -0.13), DVec3::Z, 200.0).unwrap();
     let floor = std::sync::Arc::new(floor);
@@ -593,10 +592,8 @@ fn rejects_explicit_schemes_and_overlapping_rigid_bodies() {
         );
     }
     let mut strange = network.clone();
-    strange
-        .elements
-        .rigid
-        .push(strange.elements.rigid[0].clone());
+    let rigid = &mut strange.elements_mut().unwrap().rigid;
+    rigid.push(rigid[0].clone());
     let made = CpuBody::<f32>::new(&strange, SolverKind::Implicit, CgSettings::default(), None);
     assert!(made.err().unwrap().to_string().contains("two rigid bodies"));
 }

@@ -2,7 +2,7 @@
 //! `shaders/physics/check.wgsl`.
 
 use crate::FailureCause;
-use crate::physics::model::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
+use crate::physics::simulator::messages::{INVERTED_TETS_MESSAGE, TOOLS_OVERCONSTRAINED_MESSAGE};
 use crate::physics::simulator::time_step::time_step_message;
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -36,8 +36,8 @@ impl<M: BodyModel> Simulator for ThreadedSimulator<M> {
         self.model.masses()
     }
 
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
-        self.model.spring_pairs()
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
+        self.model.edge_nodes()
     }
 
     fn model(&self) -> Option<&DiscreteModel> {

@@ -51,10 +51,10 @@ pub(in crate::physics) trait BodyModel: Sized + Send + 'static {
         None
     }
 
-    /// The two nodes of each spring.
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
-        let springs = self.discrete_model().map(|model| &model.springs);
-        springs.into_iter().flatten().map(|s| s.nodes).collect()
+    /// The two nodes of each edge of a tetrahedral body, or of each spring of a grid body.
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
+        let edges = self.discrete_model().map(DiscreteModel::edge_nodes);
+        edges.into_iter().flatten().collect()
     }
 
     /// Whether node `i` belongs to the body.

@@ -15,7 +15,7 @@ use crate::physics::cpu::partition::{Chunks, Nodes, Partition};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::V4;
-use crate::physics::{Damping, DiscreteModel, LocalUnits};
+use crate::physics::{Damping, DiscreteModel, LocalUnits, SpringNetwork};
 use glam::DMat3;
 use std::ops::Range;
 
@@ -47,20 +47,19 @@ pub struct Springs<T> {
 }
 
 impl<T: Real> Springs<T> {
-    /// Creates the term for the springs of `network`, whose node `order[k]` is the engine's k-th,
-    /// partitioned by `plan`.
+    /// Creates the term for `springs` along the edges of `network`, whose node `order[k]` is the
+    /// engine's k-th, partitioned by `plan`.
     pub fn new(
         network: &DiscreteModel,
-        order: &[u32],
-        units: &LocalUnits,
-        plan: &Partition,
+        springs: &SpringNetwork,
+        (order, units, plan): (&[u32], LocalUnits, &Partition),
     ) -> Springs<T> {
         let mut place = vec![0u32; order.len()];
         for (k, v) in order.iter().enumerate() {
             place[*v as usize] = k as u32;
         }
         let mut lists = vec![(Vec::new(), Vec::new()); plan.chunks()];
-        for (s, spring) in network.springs.iter().enumerate() {
+        for (s, spring) in network.edges.iter().enumerate() {
             let [a, b] = spring.nodes.map(|v| place[v as usize]);
             let (i, j) = (a.min(b), a.max(b));
             // A spring from a node to itself exerts no force.
@@ -76,7 +75,7 @@ impl<T: Real> Springs<T> {
             }
         }
         let fill = |(i, j, s): (u32, u32, u32), [first, base]: [u32; 2], block: &mut Block<T>| {
-            let spring = &network.springs[s as usize];
+            let spring = &network.edges[s as usize];
             let [p, q] =
                 [i, j].map(|v| network.rest_positions[order[v as usize] as usize] / units.length);
             let (d, l, n) = (q - p, spring.length / units.length, block.count);
@@ -106,13 +105,13 @@ impl<T: Real> Springs<T> {
                 outer: list(outer, 0),
             }
         });
-        let constant = network.damping / units.damping();
+        let constant = springs.damping / units.damping();
         let time = network.damping_time / units.time;
         Springs {
             chunks: chunks.collect(),
             damping: [constant, time].map(T::from_f64),
             damped: constant > 0.0 || time > 0.0,
-            kind: network.damping_kind,
+            kind: springs.damping_kind,
         }
     }
 }

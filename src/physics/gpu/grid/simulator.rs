@@ -65,7 +65,7 @@ impl Simulator for GpuGrid {
         &self.body.model().masses
     }
 
-    fn spring_pairs(&self) -> Vec<[u32; 2]> {
+    fn edge_nodes(&self) -> Vec<[u32; 2]> {
         self.body.model().spring_pairs()
     }
 

@@ -80,7 +80,7 @@ impl<'a> Setup<'a> {
     fn rest(self) -> Rest {
         let mut network = DiscreteModel::new(self.mesh, &self.material).unwrap();
         if let Some(kept) = self.kept {
-            network.elements.per_tet_lambda_ratio = kept;
+            network.elements_mut().unwrap().per_tet_lambda_ratio = kept;
         }
         let settings = CgSettings {
             tolerance: 1e-8,
@@ -88,7 +88,7 @@ impl<'a> Setup<'a> {
             max_iterations: 20_000,
         };
         let from = network.rest_positions.clone();
-        let elements = network.elements.clone();
+        let elements = network.elements().unwrap().clone();
         let frame = network.frame;
         let (mesh, material, kind) = (self.mesh.clone(), &self.material, SolverKind::Implicit);
         let made = CpuTets::of_network(
@@ -156,7 +156,7 @@ impl NodeTerm for Slides {
         "slides"
     }
 
-    fn gpu_parameters(&self, _: &LocalFrame, _: &LocalUnits, _: f64) -> [[f32; 4]; 2] {
+    fn shader_parameters(&self, _: &LocalFrame, _: &LocalUnits, _: f64) -> [[f32; 4]; 2] {
         [[0.0; 4]; 2]
     }
 

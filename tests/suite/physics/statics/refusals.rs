@@ -71,17 +71,15 @@ fn cut_body_averages_volumes_on_both_sides() {
     let change = body.cut(&blade.unwrap()).unwrap();
     assert!(!change.mesh.duplicated_nodes.is_empty());
     let network = body.model().unwrap().clone();
-    assert_eq!(
-        network.elements.volume,
-        VolumetricFormulation::NodalAveraged
-    );
+    let volume = network.elements().unwrap().volume;
+    assert_eq!(volume, VolumetricFormulation::NodalAveraged);
     let anew = DiscreteModel::new(body.mesh(), &averaged).unwrap();
     let pull: Vec<DVec3> = network
         .rest_positions
         .iter()
         .map(|x| *x + 0.1 * DVec3::new(x.y, x.x * x.z, x.x * x.x))
         .collect();
-    let energies = [&network, &anew, &whole].map(|n| n.elements.energy(&pull));
+    let energies = [&network, &anew, &whole].map(|n| n.elements().unwrap().energy(&pull));
     println!("{energies:?}");
     assert!((energies[0] / energies[1] - 1.0).abs() < 1e-12);
     // In the uncut body, the neighbourhood of a node is on both sides of the cut.
