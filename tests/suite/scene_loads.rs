@@ -319,7 +319,7 @@ fn loads_reject_invalid_entries() {
         (muscle.replace("1e4", "-1.0"), ["-1 Pa", "≥ 0"]),
         (
             format!("{pressure}normal = [0, 0, 0]\n"),
-            ["normal", "direction"],
+            ["normal", "not zero"],
         ),
         (
             format!("{pressure}normal = [0, 0, 1]\non = {{ z_below = 0.01 }}\n"),

@@ -132,7 +132,8 @@ impl DiscreteModel {
 
     /// Applies `cut`, which produced `mesh` from this model's mesh: duplicated nodes share the mass
     /// of their tets, and their edges are recomputed from the tets around them, so that the model
-    /// equals [`DiscreteModel::new`] of the new mesh. Returns the edges at duplicated nodes. Takes time proportional to the cut, except for shifting the lists.
+    /// equals [`DiscreteModel::new`] of the new mesh. Returns the edges at duplicated nodes. Takes
+    /// time proportional to the cut, except for shifting the lists.
     ///
     /// # Errors
     /// As [`DiscreteModel::new`], and [`Error::Input`] if `mesh` is not the cut mesh; nothing is
