@@ -78,8 +78,8 @@ impl PressSession {
     /// # Errors
     /// [`Error::Input`] for a static body; errors of reading the body back.
     pub fn touch(&mut self, stage: &mut Stage, point: DVec3) -> Result<PressSite> {
-        let x = stage.drawn_positions()?;
         let motion = stage.motion_mut().ok_or_else(static_body)?;
+        let x = motion.positions()?;
         let (mesh, topology) = (motion.simulator.mesh(), motion.simulator.topology());
         let boundary = Boundary::new(mesh, topology, &x);
         let site = boundary.site_at(point, self.setup.radius);

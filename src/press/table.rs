@@ -253,8 +253,8 @@ mod tests {
         let of = |cells: usize| {
             let mut ball = generate::bar([cells; 3], DVec3::splat(2.0)).unwrap();
             for p in &mut ball.nodes {
-                // A cube with a keel: its edge is too thin to stand on.
-                p.x = 1.0 + (p.x - 1.0) * p.z.min(0.5);
+                // A wedge with a keel: its lowest quarter is too thin to stand on.
+                p.x = 1.0 + (p.x - 1.0) * (0.1 * p.z).max(0.05 + 1.9 * (p.z - 0.5));
             }
             table(&ball, DVec3::NEG_Z)
         };
