@@ -65,7 +65,7 @@ impl Table {
     /// whatever the mesh.
     fn supports_shape(&self, mesh: &TetMesh, topology: &Topology) -> bool {
         let [a, b] = [(self.axis + 1) % 3, (self.axis + 2) % 3];
-        let (mut own, mut held) = (Moments::default(), Moments::default());
+        let (mut own, mut held) = (Moments::ZERO, Moments::ZERO);
         for face in &topology.boundary {
             let corners = topology
                 .boundary_nodes(mesh, *face)
@@ -170,7 +170,6 @@ fn extends(held: &DMat2, own: &DMat2) -> bool {
 }
 
 /// Area and moments of a surface, projected along a coordinate axis.
-#[derive(Default)]
 struct Moments {
     area: f64,
     first: DVec2,
@@ -178,6 +177,13 @@ struct Moments {
 }
 
 impl Moments {
+    /// Those of nothing. (glam's default matrix is the identity.)
+    const ZERO: Moments = Moments {
+        area: 0.0,
+        first: DVec2::ZERO,
+        second: DMat2::ZERO,
+    };
+
     /// Adds a convex polygon with its own area and the coordinates `a` and `b`.
     fn add_polygon(&mut self, corners: &[DVec3], a: usize, b: usize) {
         let [origin, rest @ ..] = corners else {
@@ -264,7 +270,7 @@ mod tests {
             fine.shape_fraction > FRACTION && fine.note().is_none(),
             "{fine:?}"
         );
-        let mut moments = Moments::default();
+        let mut moments = Moments::ZERO;
         let square = [DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y];
         moments.add_polygon(&square, 0, 1);
         let found = moments.covariance();
