@@ -4,7 +4,7 @@
 use super::curve::PressSample;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
-use super::validity::{body_warnings, contact_problem};
+use super::validity::{ContactProblem, body_warnings, contact_problem};
 use crate::physics::DiscreteModel;
 use crate::scene::{Motion, Stage};
 use crate::{Error, FailureCause, Result};
@@ -52,6 +52,8 @@ struct Contact {
     poisson: Option<f64>,
     /// Why a press there cannot be measured.
     warnings: Vec<String>,
+    /// Whether the faces there are larger than the fingertip.
+    is_coarse: bool,
 }
 
 impl PressSession {
@@ -104,6 +106,7 @@ impl PressSession {
                 .tet_at(site.point)
                 .and_then(|t| poisson_of_tet(motion, t)),
             warnings: body_warnings(motion.simulator.mesh(), boundary, &site, radius),
+            is_coarse: radius < boundary.edge_near(site.point, radius),
         };
         motion.teleport_tool(self.setup.tool, contact.place(contact.depth))?;
         motion.dt = self.press_dt;
@@ -296,9 +299,9 @@ impl PressSession {
     pub fn problem(&self) -> Option<String> {
         let contact = self.contact.as_ref()?;
         let curve = self.samples.iter().map(|s| [s.depth_m, s.force_n]);
-        let problem = contact_problem(&curve.collect::<Vec<_>>());
-        let problem = problem.map(|problem| problem.to_string());
-        problem.or_else(|| contact.warnings.first().cloned())
+        let coarse = contact.is_coarse.then_some(ContactProblem::CoarseFaces);
+        let problem = contact_problem(&curve.collect::<Vec<_>>()).or(coarse);
+        problem.map(|problem| problem.to_string())
     }
 }
 

@@ -123,6 +123,8 @@ pub enum ContactProblem {
     LostContact,
     /// The force has jumped since the step before.
     Jump,
+    /// The fingertip is smaller than the faces beneath it.
+    CoarseFaces,
 }
 
 impl fmt::Display for ContactProblem {
@@ -136,6 +138,9 @@ impl fmt::Display for ContactProblem {
             }
             ContactProblem::Jump => {
                 "force not valid: the body snapped to another shape; withdraw the finger and press less deep"
+            }
+            ContactProblem::CoarseFaces => {
+                "force not valid: the finger is smaller than the faces beneath it; use a larger finger or a finer mesh"
             }
         })
     }

@@ -4,7 +4,7 @@ use crate::support::gpu;
 use glam::DVec3;
 use palpate::Error;
 use palpate::press::{
-    MapOptions, MapPoint, PointResult, Press, PressMap, PressOptions, PressSample,
+    InteractiveStage, MapOptions, MapPoint, PointResult, Press, PressMap, PressOptions, PressSample,
 };
 use palpate::scene::Scene;
 
@@ -351,4 +351,26 @@ fn default_radius_and_bed_follow_from_shape() {
     );
     assert_eq!(fine.length_unit_m, 1.0);
     assert!(fine.step_s > 1.0 && fine.thickness_m > 0.09);
+}
+
+#[test]
+fn interactive_press_on_coarse_faces_has_a_problem() {
+    let scene = block("");
+    let mesh = scene.load_mesh(&palpate::no_progress).unwrap();
+    let problem = |radius: f64| {
+        let made = InteractiveStage::new(&gpu(), &scene, &mesh, Some(radius)).unwrap();
+        let (mut stage, mut fingertip) = (made.stage, made.fingertip.unwrap());
+        fingertip
+            .touch(&mut stage, DVec3::new(0.05, 0.05, 0.1))
+            .unwrap();
+        let motion = stage.motion_mut().unwrap();
+        assert!(fingertip.step_towards(motion, 1e-3, "load").unwrap());
+        fingertip.problem()
+    };
+    let coarse = problem(0.01).unwrap();
+    assert!(
+        coarse.contains("smaller than the faces") && !coarse.contains("--"),
+        "{coarse}"
+    );
+    assert_eq!(problem(0.025), None);
 }
