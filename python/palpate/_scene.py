@@ -33,6 +33,7 @@ class Material:
         density: density, kg/m³.
         model: ``neo-hookean``, ``corotated`` or ``springs``.
         volume: volumetric formulation: ``per-tet``, or ``averaged`` for Poisson's ratios near 1/2.
+        order: 1 (linear tets) or 2 (quadratic tets, which need far fewer tets for the same error).
         damping_ratio: damping ratio at the frequency ``damping_hz``; 1 is critical damping.
         damping_hz: reference frequency of ``damping_ratio``, Hz.
         stiffness: stiffness of each spring, N/m, instead of ``young``.
@@ -46,6 +47,7 @@ class Material:
     density: float | None = None
     model: str | None = None
     volume: str | None = None
+    order: int | None = None
     damping_ratio: float | None = None
     damping_hz: float | None = None
     stiffness: float | None = None

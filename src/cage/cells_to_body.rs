@@ -37,6 +37,7 @@ fn damped_as(
         damping_time: fine.damping_time + extra,
         frame,
         length_unit: fine.length_unit,
+        added_masses: Vec::new(),
         discretisation: Discretisation::Springs(SpringNetwork {
             damping: 0.0,
             damping_kind: springs.damping_kind,
@@ -124,6 +125,7 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
     if let Some(fine) = fine.elements() {
         network.discretisation = Discretisation::Elements(Elements {
             tets: elements,
+            mid_edges: Vec::new(),
             rigid: Vec::new(),
             ..*fine
         });

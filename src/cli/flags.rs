@@ -2,8 +2,9 @@
 
 use super::volume_flag::{self, VolumeFlag};
 use clap::Args;
+use palpate::Error;
 use palpate::annotate::Axes;
-use palpate::mesh::AnatomicalFrame;
+use palpate::mesh::{AnatomicalFrame, ElementOrder};
 use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::render::{Isosurface, Light};
 use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
@@ -206,6 +207,10 @@ pub struct SceneFlags {
     /// of several volumes in the file of --scan, or else in the input
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
     pub volume: Vec<VolumeFlag>,
+    /// Set the order of the finite elements: 1 (linear tets) or 2 (quadratic tets, which need far
+    /// fewer tets for the same error; on the CPU) [default: 1]
+    #[arg(long, value_name = "N", help_heading = "Physics", value_parser = order)]
+    pub order: Option<ElementOrder>,
     /// Set the density, in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
@@ -352,6 +357,7 @@ impl SceneFlags {
         override_with(self.young, &mut material.young);
         override_with(self.poisson, &mut material.poisson);
         override_with(volume_flag::formulation(&self.volume), &mut material.volume);
+        override_with(self.order, &mut material.order);
         override_with(self.density, &mut material.density);
         if self.damping.is_some() {
             (material.damping_ratio, material.damping_hz) = (None, None);
@@ -490,4 +496,14 @@ fn unit(text: &str) -> Result<Unit, String> {
         Err(_) => Unit::Name(text.to_owned()),
     };
     unit.metres().map(|_| unit).map_err(|e| e.to_string())
+}
+
+/// Parses the order of the elements.
+pub fn order(text: &str) -> palpate::Result<ElementOrder> {
+    let number = text.parse().map_err(|_| {
+        Error::Input(format!(
+            "expected 1 (linear tets) or 2 (quadratic tets), got \"{text}\""
+        ))
+    });
+    ElementOrder::from_number(number?)
 }

@@ -17,6 +17,7 @@ mod mesh_report;
 mod order;
 mod packed_normal;
 mod partition;
+mod quadratic;
 mod quality;
 mod region_field;
 mod region_surface;
@@ -36,7 +37,7 @@ pub use blade::Blade;
 pub(crate) use boundary::DisjointSets;
 pub use boundary::{BoundaryReport, components};
 pub(crate) use bvh::{Bounds, Bvh, bounds_union};
-pub use cut::{TetCut, cut, remove};
+pub use cut::{TetCut, cut, cut_elements, remove};
 #[cfg(test)]
 pub(crate) use edge_face_intersection::intersect_edge_face;
 pub(crate) use edge_face_intersection::{EdgeFaceIntersection, edge_face_intersections};
@@ -49,6 +50,7 @@ pub use order::morton_order;
 pub(crate) use order::order_of;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
 pub use partition::{MeshPartition, MeshPiece, kd_partition};
+pub use quadratic::{ElementOrder, PIECES, TenNodes, traction_shares};
 pub use quality::{
     DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
 };

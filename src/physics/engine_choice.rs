@@ -111,10 +111,10 @@ impl EngineChoice {
             return rapier(gpu, (mesh, network), (kind, settings));
         }
         // Models supported by one engine only use that engine, unless the other was requested.
-        let averaged = network
-            .elements()
-            .is_some_and(|elements| elements.volume == VolumetricFormulation::NodalAveraged);
-        let of_cpu = SolverKind::ELEMENT_ONLY.contains(&kind) || averaged;
+        let only_on_cpu = network.elements().is_some_and(|elements| {
+            elements.volume == VolumetricFormulation::NodalAveraged || elements.order() == 2
+        });
+        let of_cpu = SolverKind::ELEMENT_ONLY.contains(&kind) || only_on_cpu;
         if of_cpu && self == EngineChoice::Auto || self.resolve(gpu) == Engine::Cpu {
             let body = CpuTets::of_network(
                 gpu,

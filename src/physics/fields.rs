@@ -12,7 +12,6 @@
 
 use super::model::elements::eigen;
 use super::{ConstitutiveModel, DiscreteModel, Element, Engine, Simulator};
-use crate::mesh::TetMesh;
 use crate::parallel;
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -194,11 +193,12 @@ impl BodyField {
             };
             return Ok(parallel::map(mesh.tets.len(), of_tet));
         }
-        if self.is_kinematic() {
+        let model = body.model().and_then(|n| Some((n, n.elements()?)));
+        let is_linear = model.is_none_or(|(_, elements)| elements.order() == 1);
+        if self.is_kinematic() && is_linear {
             let of_tet = |t: usize| self.of_deformation(&deformation(&mesh.tet_nodes(t), &now(t)));
             return Ok(parallel::map(mesh.tets.len(), of_tet));
         }
-        let model = body.model().and_then(|n| Some((n, n.elements()?)));
         let Some((network, elements)) = model else {
             return self.check(body).map(|()| Vec::new());
         };
@@ -208,15 +208,26 @@ impl BodyField {
             BodyField::EnergyDensity => elements.averaged_energy_densities(&metres),
             _ => elements.averaged_pressures(&metres),
         };
-        let of_element = |t: Option<usize>| {
-            t.map_or(0.0, |t| {
-                let e = elements.without_averaged_lambda(&elements.tets[t]);
-                let corners = e.nodes.map(|v| metres[v as usize]);
-                self.of_element(&e, (elements.law, shared[t]), &corners)
-            })
+        let of_element = |(t, element): (usize, Option<usize>)| {
+            let Some(number) = element else {
+                return match self.is_kinematic() {
+                    true => self.of_deformation(&deformation(&mesh.tet_nodes(t), &now(t))),
+                    false => 0.0,
+                };
+            };
+            {
+                let e = elements.without_averaged_lambda(&elements.tets[number]);
+                let f = match elements.order() {
+                    1 => e.deformation_gradient(&e.node_positions(&metres)),
+                    _ => elements.deformation_of_piece(number, &mesh.tets[t], &metres),
+                };
+                self.of_material(&e, (elements.law, shared[number]), &f)
+            }
         };
-        let numbers = elements_of_tets(mesh, &elements.tets);
-        Ok(parallel::map(numbers.len(), |t| of_element(numbers[t])))
+        let numbers = elements.of_tets(mesh);
+        Ok(parallel::map(numbers.len(), |t| {
+            of_element((t, numbers[t]))
+        }))
     }
 
     /// Evaluates a field that depends on F only.
@@ -237,17 +248,30 @@ impl BodyField {
         (law, shared): (ConstitutiveModel, f64),
         corners: &[DVec3; 4],
     ) -> f64 {
-        let f = element.deformation_gradient(corners);
+        self.of_material(
+            element,
+            (law, shared),
+            &element.deformation_gradient(corners),
+        )
+    }
+
+    /// As [`BodyField::of_element`], at the deformation gradient `f`.
+    fn of_material(
+        self,
+        element: &Element,
+        (law, shared): (ConstitutiveModel, f64),
+        f: &DMat3,
+    ) -> f64 {
         if self.is_kinematic() {
-            return self.of_deformation(&f);
+            return self.of_deformation(f);
         }
         if self == BodyField::EnergyDensity {
-            return element.energy(law, corners) / element.volume + shared;
+            return element.energy_density(law, f) + shared;
         }
         let j = f.determinant();
         let j = j.abs().max(MIN_ABS_J).copysign(j);
         let [a, b, c] =
-            principal_values(&(element.stress(law, &f, shared) * f.transpose() * (1.0 / j)));
+            principal_values(&(element.stress(law, f, shared) * f.transpose() * (1.0 / j)));
         match self {
             BodyField::Stress1 => a,
             BodyField::Stress2 => b,
@@ -292,11 +316,4 @@ fn principal_values(m: &DMat3) -> [f64; 3] {
     let mut values = eigen(symmetric).0;
     values.sort_by(|a, b| b.total_cmp(a));
     values
-}
-
-/// Returns the element number of each tet of the mesh; `None` for degenerate and rigid tets.
-fn elements_of_tets(mesh: &TetMesh, elements: &[Element]) -> Vec<Option<usize>> {
-    let mut left = elements.iter().enumerate().peekable();
-    let of_tet = |tet: &[u32; 4]| left.next_if(|(_, e)| e.nodes == *tet).map(|(t, _)| t);
-    mesh.tets.iter().map(of_tet).collect()
 }

@@ -321,9 +321,9 @@ fn quasi_static_step(motion: &Motion) -> f64 {
 
 /// Returns Poisson's ratio of a tet at small strain; `None` for springs and rigid regions.
 fn poisson_of_tet(motion: &Motion, tet: u32) -> Option<f64> {
-    let nodes = motion.simulator.mesh().tets.get(tet as usize)?;
     let elements = motion.simulator.model()?.elements()?;
-    let element = elements.tets.iter().find(|e| e.nodes == *nodes)?;
+    let numbers = elements.of_tets(motion.simulator.mesh());
+    let element = &elements.tets[(*numbers.get(tet as usize)?)?];
     let [mu, lambda] = element.small_strain(elements.law);
     // Without the rounding of λ and μ.
     Some((1e9 * lambda / (2.0 * (lambda + mu))).round() / 1e9)

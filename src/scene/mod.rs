@@ -41,6 +41,7 @@ mod computed_field;
 mod default_load;
 mod dynamic_tools;
 mod entries;
+mod even_traction;
 mod grid;
 mod joint;
 mod keywords;
@@ -118,6 +119,9 @@ pub struct Scene {
     /// Forces on groups of nodes.
     #[serde(default)]
     pub force: Vec<ForceEntry>,
+    /// Masses that move with groups of nodes.
+    #[serde(default)]
+    pub mass: Vec<MassEntry>,
     /// Replaces the tetrahedra by a grid of particles.
     pub grid: Option<GridEntry>,
     /// Simulates a coarse cage in which the mesh is embedded, instead of the mesh.
@@ -309,7 +313,8 @@ impl Scene {
     pub(crate) fn tets_only_entry(&self) -> Option<&'static str> {
         let tool = (!self.tool.is_empty()).then_some("[[tool]]");
         let joint = (!self.joint.is_empty()).then_some("[[joint]]");
-        self.cpu_only_entry().or(tool).or(joint)
+        let mass = (!self.mass.is_empty()).then_some("[[mass]]");
+        self.cpu_only_entry().or(tool).or(joint).or(mass)
     }
 
     /// Returns the name of an entry that only the CPU engine supports, if there is one.

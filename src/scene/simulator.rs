@@ -1,11 +1,12 @@
 //! Builds the simulator of a scene from its material, solver, supports and loads.
 
+use super::even_traction::EvenTraction;
 use super::reactions::NamedPins;
 use super::time_dependent_loads::TimeDependentLoads;
 use super::{FloorEntry, Scene};
 use crate::cage::{CageKind, CageReport};
 use crate::gpu::Gpu;
-use crate::mesh::TetMesh;
+use crate::mesh::{ElementOrder, TetMesh};
 use crate::number_format::significant;
 use crate::physics::grid::{GridModel, GridShape};
 use crate::physics::{
@@ -70,6 +71,15 @@ impl SimulatorSetup {
         let (mut material, tissue_notes) = scene.material.material(&mesh, of_tets)?;
         notes.extend(tissue_notes);
         material.length_unit = unit.unwrap_or(1.0);
+        let mesh = match material.order {
+            ElementOrder::Linear => mesh,
+            ElementOrder::Quadratic if shape.is_some() || scene.cage.is_some() => {
+                return Err(Error::Input(
+                    "[material] order = 2 (--order 2) requires a simulated tetrahedral body; remove [grid] and [cage], or use order 1".into(),
+                ));
+            }
+            ElementOrder::Quadratic => mesh.with_mid_edge_nodes()?,
+        };
         if let Some(entry) = scene.tets_only_entry()
             && (shape.is_some() || scene.cage.is_some())
         {
@@ -224,7 +234,8 @@ impl Scene {
                 notes.push(note);
             }
         }
-        let network = DiscreteModel::new(&mesh, &material)?;
+        let mut network = DiscreteModel::new(&mesh, &material)?;
+        self.add_masses(&mesh, &mut network)?;
         notes.extend(rigid_notes(&mesh, &network));
         let contrast = network.elements().map_or(1.0, Elements::stiffness_ratio);
         let simulator = self.simulator_of(gpu, mesh, network, &material, kind)?;
@@ -366,6 +377,26 @@ impl Scene {
         })
     }
 
+    /// Adds the masses of `[[mass]]` to the nodes of the body `mesh`.
+    fn add_masses(&self, mesh: &TetMesh, model: &mut DiscreteModel) -> Result<()> {
+        if self.mass.is_empty() {
+            return Ok(());
+        }
+        let traction = EvenTraction::new(mesh);
+        for entry in &self.mass {
+            if !(entry.kg.is_finite() && entry.kg > 0.0) {
+                return Err(Error::Input(format!(
+                    "kg of a [[mass]] must be a finite positive number, got {}",
+                    entry.kg
+                )));
+            }
+            let nodes = entry.on.nodes(mesh)?;
+            let shares = traction.shares(&nodes).into_iter();
+            model.add_masses(nodes.into_iter().zip(shares.map(|share| share * entry.kg)));
+        }
+        Ok(())
+    }
+
     /// Returns the stopping criterion of conjugate gradients.
     pub(super) fn conjugate_gradients(&self) -> CgSettings {
         let mut settings = CgSettings::default();
@@ -381,7 +412,11 @@ impl Scene {
 
     /// Returns the force on each node of `mesh`, if there are forces; massless nodes get none.
     pub(super) fn forces(&self, mesh: &TetMesh, masses: &[f64]) -> Result<Option<Vec<DVec3>>> {
+        if self.force.is_empty() {
+            return Ok(None);
+        }
         let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
+        let traction = EvenTraction::new(mesh);
         let has = |v: &u32| masses.get(*v as usize).is_some_and(|m| *m > 0.0);
         for entry in &self.force {
             let nodes = entry.on.nodes(mesh)?.into_iter();
@@ -391,10 +426,10 @@ impl Scene {
                     "all nodes of a [[force]] are massless; select others with `on`".into(),
                 ));
             }
-            for v in &nodes {
-                forces[*v as usize] += DVec3::from(entry.total) / nodes.len() as f64;
+            for (v, share) in nodes.iter().zip(traction.shares(&nodes)) {
+                forces[*v as usize] += DVec3::from(entry.total) * share;
             }
         }
-        Ok((!self.force.is_empty()).then_some(forces))
+        Ok(Some(forces))
     }
 }

@@ -6,11 +6,12 @@ use glam::DVec3;
 use std::collections::HashMap;
 
 /// Returns the faces whose two tets have their centroids on different sides of the blade, sorted.
+/// `corners` returns the nodes that count as those of a tet.
 pub(super) fn faces_crossing_blade(
     mesh: &TetMesh,
     topology: &Topology,
     positions: &[DVec3],
-    blade: &Blade,
+    (blade, corners): (&Blade, &(impl Fn(usize) -> [u32; 4] + Sync)),
 ) -> Vec<[BoundaryFace; 2]> {
     let (low, high) = blade.bounds();
     // Bit mask of the six planes of the bounding box of the blade that a node lies beyond, and, for
@@ -20,11 +21,11 @@ pub(super) fn faces_crossing_blade(
         (p.cmplt(low).bitmask() | p.cmpgt(high).bitmask() << 3) as u8
     });
     let beyond = parallel::map(mesh.tets.len(), |t| {
-        let corners = mesh.tets[t].iter();
-        corners.fold(0xff, |all, v| all & node_beyond[*v as usize])
+        let nodes = corners(t).into_iter();
+        nodes.fold(0xff, |all, v| all & node_beyond[v as usize])
     });
     let centroid = |t: usize| {
-        let corners = mesh.tets[t].map(|v| positions[v as usize]);
+        let corners = corners(t).map(|v| positions[v as usize]);
         corners.iter().sum::<DVec3>() / 4.0
     };
     let across = |t: usize, face: usize| {

@@ -5,7 +5,8 @@ mod faces;
 mod fans;
 
 use super::{
-    Blade, BoundaryFace, Location, NO_NEIGHBOUR, TET_EDGES, TetMesh, Topology, replace_sorted,
+    Blade, BoundaryFace, ElementOrder, Location, NO_NEIGHBOUR, PIECES, TET_EDGES, TetMesh,
+    Topology, replace_sorted,
 };
 use crate::{Error, Result};
 use faces::{faces_crossing_blade, skip_isolated_tets};
@@ -61,6 +62,21 @@ pub fn cut(
     positions: &[DVec3],
     blade: &Blade,
 ) -> Result<TetCut> {
+    cut_elements(mesh, topology, positions, blade, ElementOrder::Linear)
+}
+
+/// As [`cut`], for a mesh whose tets are the elements of a body of the given order or their pieces:
+/// faces inside an element stay closed, and the others open by the centroids of the elements.
+///
+/// # Errors
+/// As [`cut`], and an [`Error::Input`] if the tets are not pieces of elements of that order.
+pub fn cut_elements(
+    mesh: &mut TetMesh,
+    topology: &mut Topology,
+    positions: &[DVec3],
+    blade: &Blade,
+    order: ElementOrder,
+) -> Result<TetCut> {
     check(mesh, topology)?;
     if positions.len() != mesh.nodes.len() {
         return Err(Error::Input(format!(
@@ -69,7 +85,20 @@ pub fn cut(
             mesh.nodes.len()
         )));
     }
-    let mut faces = faces_crossing_blade(mesh, topology, positions, blade);
+    let mut faces = match order {
+        ElementOrder::Linear => {
+            let corners = |t: usize| mesh.tets[t];
+            faces_crossing_blade(mesh, topology, positions, (blade, &corners))
+        }
+        ElementOrder::Quadratic => {
+            let elements = mesh.ten_node_tets()?;
+            let corners = |t: usize| {
+                let [a, b, c, d, ..] = elements[t / PIECES];
+                [a, b, c, d]
+            };
+            faces_crossing_blade(mesh, topology, positions, (blade, &corners))
+        }
+    };
     skip_isolated_tets(topology, &mut faces);
     for [a, b] in &faces {
         topology.neighbours[a.tet as usize][a.face as usize] = NO_NEIGHBOUR;

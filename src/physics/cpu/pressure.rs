@@ -1,14 +1,19 @@
 //! Follower pressure on faces of the boundary or of interfaces between regions.
 //!
-//! The load on each node of a face is −⅓ p A n, with A n = ½ (x₁ − x₀) × (x₂ − x₀) at the current
+//! The load on the nodes of a face is −p A n times their shares ([`traction_shares`]: ⅓ each on
+//! linear tets), with A n = ½ (x₁ − x₀) × (x₂ − x₀) at the current
 //! positions. Implicit steps evaluate it at their start, like all loads: it has no part in the
 //! Hessian.
 
 use super::partition::Partition;
 use super::scalar::Real;
-use super::vectors::{V4, add, from_metres, scale, sub, zero};
+use super::vectors::{V4, add, from_metres, scale, sub};
+use crate::mesh::traction_shares;
 use crate::physics::LocalUnits;
 use glam::DVec3;
+
+/// The nodes of a face, and whether each is in the middle of an edge of a ten-node tet.
+pub type LoadedFace = ([u32; 3], [bool; 3]);
 
 /// A face, counter-clockwise seen from outside.
 #[derive(Clone, Copy, Debug)]
@@ -16,6 +21,8 @@ struct Face<T> {
     nodes: [u32; 3],
     /// Edges from the first node to the others at rest.
     edges: [V4<T>; 2],
+    /// Share of each node.
+    shares: [T; 3],
 }
 
 /// Faces under a common pressure.
@@ -25,30 +32,31 @@ pub(super) struct Pressure<T> {
     chunks: Vec<Vec<Face<T>>>,
     /// Index of the amplitude that is the pressure.
     amplitude_index: usize,
-    /// A sixth of the pressure, local units.
-    pressure_over_six: T,
+    /// Half of the pressure, local units.
+    half_pressure: T,
     /// Pressure unit, Pa.
     unit: f64,
 }
 
 impl<T: Real> Pressure<T> {
-    /// Creates a pressure on `faces`, in the file's numbering, with the amplitude of index
-    /// `amplitude_index`; initially 0. `place` is the engine's index of every node, `rest` their
+    /// Creates a pressure on `faces`, in the file's numbering, each with whether its nodes are in the
+    /// middle of edges of ten-node tets, with the amplitude of index `amplitude_index`; initially 0. `place` is the engine's index of every node, `rest` their
     /// rest positions, m.
     pub fn new(
-        faces: &[[u32; 3]],
+        faces: &[LoadedFace],
         amplitude_index: usize,
         (place, rest): (&[u32], &[DVec3]),
         units: &LocalUnits,
         plan: &Partition,
     ) -> Pressure<T> {
         let mut chunks = vec![Vec::new(); plan.chunks()];
-        for face in faces {
+        for (face, is_middle) in faces {
             let [a, b, c] = face.map(|v| rest[v as usize]);
             let nodes = face.map(|v| place[v as usize]);
             let made = Face {
                 nodes,
                 edges: [b - a, c - a].map(|e| from_metres(e, units.length)),
+                shares: traction_shares(*is_middle).map(T::from_f64),
             };
             let mut homes = nodes.map(|v| plan.chunk_of(v as usize)).to_vec();
             homes.sort_unstable();
@@ -58,7 +66,7 @@ impl<T: Real> Pressure<T> {
         Pressure {
             chunks,
             amplitude_index,
-            pressure_over_six: T::ZERO,
+            half_pressure: T::ZERO,
             unit: units.force() / (units.length * units.length),
         }
     }
@@ -66,16 +74,21 @@ impl<T: Real> Pressure<T> {
     /// Sets the pressure, Pa, from the amplitudes.
     pub fn set_amplitude(&mut self, levels: &[f64]) {
         let pressure = levels.get(self.amplitude_index).copied().unwrap_or(0.0);
-        self.pressure_over_six = T::from_f64(pressure / (6.0 * self.unit));
+        self.half_pressure = T::from_f64(pressure / (2.0 * self.unit));
     }
 
     /// Passes the force on each node of a chunk's faces to `take`.
     #[inline]
     fn each(&self, chunk: usize, u: &[V4<T>], mut take: impl FnMut(usize, V4<T>)) {
-        if self.pressure_over_six == T::ZERO {
+        if self.half_pressure == T::ZERO {
             return;
         }
-        for Face { nodes, edges } in &self.chunks[chunk] {
+        for Face {
+            nodes,
+            edges,
+            shares,
+        } in &self.chunks[chunk]
+        {
             let [a, b, c] = nodes.map(|v| u[v as usize]);
             let e = add(edges[0], sub(b, a));
             let d = add(edges[1], sub(c, a));
@@ -85,8 +98,9 @@ impl<T: Real> Pressure<T> {
                 e[0] * d[1] - e[1] * d[0],
                 T::ZERO,
             ];
-            let share = sub(zero(), scale(self.pressure_over_six, normal));
-            nodes.iter().for_each(|v| take(*v as usize, share));
+            for (v, share) in nodes.iter().zip(shares) {
+                take(*v as usize, scale(-(self.half_pressure * *share), normal));
+            }
         }
     }
 

@@ -94,6 +94,15 @@ impl GpuBody {
         network: DiscreteModel,
         material: &Material,
     ) -> Result<GpuBody> {
+        if network
+            .elements()
+            .is_some_and(|elements| elements.order() == 2)
+        {
+            return Err(Error::Input(
+                "the GPU has no elements of order 2; use --engine cpu ([solver] engine = \"cpu\"), or order 1"
+                    .into(),
+            ));
+        }
         let count = mesh.nodes.len();
         let strange = |e: &Edge| e.nodes.iter().any(|v| *v as usize >= count);
         let fits = network.rest_positions.len() == count && network.masses.len() == count;

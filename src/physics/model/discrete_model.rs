@@ -18,8 +18,11 @@ use glam::DVec3;
 pub struct DiscreteModel {
     /// Rest position of every node, m.
     pub rest_positions: Vec<DVec3>,
-    /// Lumped mass of every node: a quarter of the mass of its tets, kg.
+    /// Lumped mass of every node, kg: a quarter of the mass of its tets, and what was added. In a
+    /// body of order 2 the tets are the pieces of its elements.
     pub masses: Vec<f64>,
+    /// Masses added to nodes, which [`DiscreteModel::masses`] include, kg.
+    pub added_masses: Vec<(u32, f64)>,
     /// Every edge of the mesh once, in sorted order.
     pub edges: Vec<Edge>,
     /// Stiffness-proportional damping, s: a damping matrix of this time times the stiffness matrix.
@@ -118,16 +121,25 @@ impl DiscreteModel {
         let builder = ModelBuilder::new(mesh, material)?;
         let masses = builder.masses(0..mesh.tets.len())?;
         let edges = builder.edges(&edges_around(mesh), &rest)?;
-        let discretisation = builder.discretisation(&rest);
+        let discretisation = builder.discretisation(&rest)?;
         Ok(DiscreteModel {
             rest_positions: rest,
             masses,
+            added_masses: Vec::new(),
             edges,
             damping_time: material.damping_time,
             frame,
             length_unit: unit,
             discretisation,
         })
+    }
+
+    /// Adds a mass to each of the given nodes, kg, which stays there when the body is cut.
+    pub fn add_masses(&mut self, masses: impl IntoIterator<Item = (u32, f64)>) {
+        for (v, mass) in masses {
+            self.masses[v as usize] += mass;
+            self.added_masses.push((v, mass));
+        }
     }
 
     /// Applies `cut`, which produced `mesh` from this model's mesh: duplicated nodes share the mass
@@ -156,6 +168,7 @@ impl DiscreteModel {
             let frame = self.frame;
             let new = DiscreteModel::new(mesh, material)?;
             let old = std::mem::replace(self, new);
+            self.add_masses(old.added_masses.iter().copied());
             if let (Some(elements), Some(old)) = (self.elements_mut(), old.elements()) {
                 elements.mass_damping = old.mass_damping;
                 elements.per_tet_lambda_ratio = old.per_tet_lambda_ratio;
@@ -175,13 +188,14 @@ impl DiscreteModel {
         );
         let masses = builder.masses(cut.incident_tets.iter().map(|t| *t as usize))?;
         let edges = builder.edges(&cut.edge_tets, &rest)?;
-        replace_sorted(&mut self.edges, |e| e.nodes, &cut.previous_edges, &edges);
         if let Discretisation::Elements(elements) = &mut self.discretisation {
-            builder.renumber(elements, &cut.incident_tets, &rest);
+            builder.renumber(elements, &cut.incident_tets, &rest)?;
         }
+        replace_sorted(&mut self.edges, |e| e.nodes, &cut.previous_edges, &edges);
         self.masses.resize(mesh.nodes.len(), 0.0);
         for v in &cut.nodes {
-            self.masses[*v as usize] = masses[*v as usize];
+            let added = self.added_masses.iter().filter(|(node, _)| node == v);
+            self.masses[*v as usize] = masses[*v as usize] + added.map(|(_, m)| m).sum::<f64>();
         }
         self.rest_positions = rest;
         Ok(edges)

@@ -1,5 +1,5 @@
-//! Finite elements: linear tets of hyperelastic material, and their float64 reference form, against
-//! which engines are tested.
+//! Finite elements: tets of hyperelastic material, and the float64 reference form of linear ones,
+//! against which engines are tested; [`super::quadratic`] has that of ten-node tets.
 //!
 //! F = Ds Dm⁻¹ is the deformation gradient of a tet; the columns of Ds and Dm are three of its
 //! edges, deformed and at rest; J = det F. Both constitutive models reduce to Hooke's law for small
@@ -17,6 +17,7 @@
 //! (1 − c)², K being [`CRUSH_STIFFNESS_RATIO`] μ, down to J = 0, and none beyond, where it would
 //! only store energy. Tets that are not crushed are unaffected.
 
+use super::quadratic::MidEdges;
 use super::rigid_region::RigidBody;
 use crate::physics::VolumetricFormulation;
 use glam::{DMat3, DVec3};
@@ -67,8 +68,11 @@ pub struct Elements {
     /// volume. This part resists modes in which tets alternately grow and shrink while nodal
     /// volumes stay constant.
     pub per_tet_lambda_ratio: f64,
-    /// The tets, without those of rigid bodies.
+    /// The tets, without those of rigid bodies; in a body of order 2 the ten-node tets, with their
+    /// corners as nodes.
     pub tets: Vec<Element>,
+    /// The other nodes of each ten-node tet; empty in a body of order 1.
+    pub mid_edges: Vec<MidEdges>,
     /// The rigid bodies.
     pub rigid: Vec<RigidBody>,
     /// α of Rayleigh damping, 1/s: a force −α m v on every node. The stiffness-proportional part is
@@ -201,12 +205,16 @@ impl Element {
 
     /// Returns the energy of the tet with its nodes at `corners` (m), J.
     pub fn energy(&self, law: ConstitutiveModel, corners: &[DVec3; 4]) -> f64 {
-        let f = self.deformation_gradient(corners);
+        self.volume * self.energy_density(law, &self.deformation_gradient(corners))
+    }
+
+    /// Returns the energy per volume at rest at F = `f`, J/m³.
+    pub fn energy_density(&self, law: ConstitutiveModel, f: &DMat3) -> f64 {
         let [mu, lambda] = self.lame_parameters;
         let j = f.determinant();
         let density = match law {
-            ConstitutiveModel::NeoHookean => 0.5 * mu * (norm_squared(&f) - 3.0) - mu * (j - 1.0),
-            ConstitutiveModel::Corotated => mu * norm_squared(&(f - polar_decomposition(&f).0)),
+            ConstitutiveModel::NeoHookean => 0.5 * mu * (norm_squared(f) - 3.0) - mu * (j - 1.0),
+            ConstitutiveModel::Corotated => mu * norm_squared(&(*f - polar_decomposition(f).0)),
         };
         let c = ((CRUSH_THRESHOLD_J - j) / CRUSH_THRESHOLD_J).clamp(0.0, 1.0);
         let crushed = c.powi(4) / 12.0 - c.powi(5) / 10.0 + c.powi(6) / 30.0;
@@ -216,7 +224,7 @@ impl Element {
             * mu
             * CRUSH_THRESHOLD_J
             * (CRUSH_THRESHOLD_J * crushed + beyond);
-        self.volume * (density + 0.5 * lambda * (j - 1.0).powi(2) + stop)
+        density + 0.5 * lambda * (j - 1.0).powi(2) + stop
     }
 
     /// Returns the forces on the nodes at `corners` (m), N: −V P g_a.
@@ -261,20 +269,7 @@ impl Element {
         corners: &[DVec3; 4],
         pressure: f64,
     ) -> ElementHessian {
-        let f = self.deformation_gradient(corners);
-        let gradients = self.gradients();
-        let mut blocks = [[DMat3::ZERO; 4]; 4];
-        for (b, gb) in gradients.iter().enumerate() {
-            for (k, axis) in DVec3::AXES.iter().enumerate() {
-                // Displaces node b along the axis.
-                let change = DMat3::from_cols(*axis * gb.x, *axis * gb.y, *axis * gb.z);
-                let stress = self.stress_differential(law, &f, &change, pressure);
-                for (a, ga) in gradients.iter().enumerate() {
-                    *blocks[a][b].col_mut(k) = stress * *ga * self.volume;
-                }
-            }
-        }
-        blocks
+        self.tangent((law, false), corners, pressure)
     }
 
     /// Projected SPD Hessian: [`Element::stiffness`] with the negative eigenvalues of ∂P/∂F set to
@@ -295,28 +290,61 @@ impl Element {
         corners: &[DVec3; 4],
         pressure: f64,
     ) -> ElementHessian {
+        self.tangent((law, true), corners, pressure)
+    }
+
+    fn tangent(
+        &self,
+        with: (ConstitutiveModel, bool),
+        corners: &[DVec3; 4],
+        pressure: f64,
+    ) -> ElementHessian {
         let f = self.deformation_gradient(corners);
+        self.blocks(with, &f, &self.gradients(), (self.volume, pressure))
+    }
+
+    /// Returns the blocks V g_a·∂P/∂F·g_b at F = `f` for shape functions of the given gradients
+    /// (1/m), a volume V (m³) and a constant pressure (Pa): exact, or with the negative eigenvalues
+    /// of ∂P/∂F set to zero.
+    pub(crate) fn blocks<const N: usize>(
+        &self,
+        (law, projected): (ConstitutiveModel, bool),
+        f: &DMat3,
+        gradients: &[DVec3; N],
+        (volume, pressure): (f64, f64),
+    ) -> [[DMat3; N]; N] {
+        let mut blocks = [[DMat3::ZERO; N]; N];
+        if !projected {
+            for (b, gb) in gradients.iter().enumerate() {
+                for (k, axis) in DVec3::AXES.iter().enumerate() {
+                    // Displaces node b along the axis.
+                    let change = DMat3::from_cols(*axis * gb.x, *axis * gb.y, *axis * gb.z);
+                    let stress = self.stress_differential(law, f, &change, pressure);
+                    for (a, ga) in gradients.iter().enumerate() {
+                        *blocks[a][b].col_mut(k) = stress * *ga * volume;
+                    }
+                }
+            }
+            return blocks;
+        }
         let mut full = [[0.0; 9]; 9];
         for (k, row) in full.iter_mut().enumerate() {
             let mut change = DMat3::ZERO;
             change.col_mut(k / 3)[k % 3] = 1.0;
-            *row = self
-                .stress_differential(law, &f, &change, pressure)
-                .to_cols_array();
+            let differential = self.stress_differential(law, f, &change, pressure);
+            *row = differential.to_cols_array();
         }
         let (values, vectors) = eigen(full);
-        let gradients = self.gradients();
-        let mut blocks = [[DMat3::ZERO; 4]; 4];
-        for (value, v) in values
+        let positive = values
             .iter()
             .zip(&vectors)
-            .filter(|(value, _)| **value > 0.0)
-        {
+            .filter(|(value, _)| **value > 0.0);
+        for (value, v) in positive {
             let m = DMat3::from_cols_array(v);
             let pulls = gradients.map(|g| m * g);
             for (a, pa) in pulls.iter().enumerate() {
                 for (b, pb) in pulls.iter().enumerate() {
-                    let scaled = *pb * (value * self.volume);
+                    let scaled = *pb * (value * volume);
                     blocks[a][b] +=
                         DMat3::from_cols(*pa * scaled.x, *pa * scaled.y, *pa * scaled.z);
                 }

@@ -1,5 +1,6 @@
 //! Materials: stiffness, mass and damping.
 
+use crate::mesh::ElementOrder;
 use crate::physics::VolumetricFormulation;
 use crate::{Error, Result};
 use std::collections::{BTreeMap, BTreeSet};
@@ -100,6 +101,9 @@ pub struct Material {
     pub poisson: f64,
     /// Formulation of the volumetric strain of elements.
     pub volume: VolumetricFormulation,
+    /// Order of the elements; [`ElementOrder::Quadratic`] requires a mesh with mid-edge nodes
+    /// ([`TetMesh::with_mid_edge_nodes`](crate::mesh::TetMesh::with_mid_edge_nodes)).
+    pub order: ElementOrder,
     /// Density, kg/m³.
     pub density: f64,
     /// Damping constant κ_d of every spring, N·s/m.
@@ -148,6 +152,7 @@ impl Material {
             stiffness: Stiffness::Young(young),
             poisson: DEFAULT_POISSON,
             volume: VolumetricFormulation::default(),
+            order: ElementOrder::default(),
             density: 1000.0,
             damping: 0.0,
             damping_time: 0.0,
@@ -274,6 +279,20 @@ impl Material {
                 "material: springs do not support volume \"{}\"; set model = \"neo-hookean\" or \"corotated\" (--material), or remove volume",
                 self.volume
             )));
+        }
+        if self.order == ElementOrder::Quadratic {
+            if springs {
+                return Err(Error::Input(
+                    "material: springs have no order 2; set model = \"neo-hookean\" or \"corotated\" (--material)"
+                        .into(),
+                ));
+            }
+            if self.volume != VolumetricFormulation::PerTet {
+                return Err(Error::Input(format!(
+                    "material: quadratic tets (order 2) do not lock and have no volume \"{}\"; remove volume (--volume), or use order 1",
+                    self.volume
+                )));
+            }
         }
         check_poisson(self.poisson, "")?;
         for (name, value, fits) in numbers {

@@ -12,6 +12,7 @@ pub(super) mod material;
 mod model_builder;
 pub(super) mod nodal_volume;
 pub(super) mod node_term;
+pub(super) mod quadratic;
 pub(super) mod rigid_region;
 pub(super) mod solver_kind;
 pub(super) mod solver_settings;

@@ -3,8 +3,9 @@
 use super::discretisation::{Discretisation, Edge, SpringNetwork};
 use super::elements::{ConstitutiveModel, Element, Elements};
 use super::material::{Material, MaterialModel, RegionMaterial, Stiffness};
+use super::quadratic::{MidEdges, QuadraticShape};
 use super::rigid_region::rigid_bodies;
-use crate::mesh::{Field, Location, TET_EDGES, TetMesh};
+use crate::mesh::{ElementOrder, Field, Location, PIECES, TET_EDGES, TenNodes, TetMesh};
 use crate::parallel;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -98,33 +99,81 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> ModelBuilder<'_, F> {
     }
 
     /// The springs or elements of the material; springs too if every tet is degenerate.
-    pub(super) fn discretisation(&self, rest: &[DVec3]) -> Discretisation {
+    pub(super) fn discretisation(&self, rest: &[DVec3]) -> Result<Discretisation> {
         let elements = match self.material.model {
             MaterialModel::Springs => None,
-            MaterialModel::NeoHookean => Some(self.elements(ConstitutiveModel::NeoHookean, rest)),
-            MaterialModel::Corotated => Some(self.elements(ConstitutiveModel::Corotated, rest)),
+            MaterialModel::NeoHookean => Some(self.elements(ConstitutiveModel::NeoHookean, rest)?),
+            MaterialModel::Corotated => Some(self.elements(ConstitutiveModel::Corotated, rest)?),
         };
-        match elements {
+        Ok(match elements {
             Some(elements) if !elements.is_empty() => Discretisation::Elements(elements),
             _ => Discretisation::Springs(SpringNetwork {
                 damping: self.material.damping,
                 damping_kind: self.material.damping_kind,
             }),
-        }
+        })
     }
 
     /// The finite elements of the tets; degenerate tets are left out.
-    fn elements(&self, law: ConstitutiveModel, rest: &[DVec3]) -> Elements {
-        Elements {
+    fn elements(&self, law: ConstitutiveModel, rest: &[DVec3]) -> Result<Elements> {
+        let (tets, mid_edges) = match self.material.order {
+            ElementOrder::Linear => {
+                let tets = parallel::collect(self.mesh.tets.len(), |range, tets| {
+                    tets.extend(range.filter_map(|t| self.element(t, law, rest)));
+                });
+                (tets, Vec::new())
+            }
+            ElementOrder::Quadratic => self.quadratic_elements(law, rest)?,
+        };
+        Ok(Elements {
             law,
             volume: self.material.volume,
-            tets: parallel::collect(self.mesh.tets.len(), |range, tets| {
-                tets.extend(range.filter_map(|t| self.element(t, law, rest)));
-            }),
+            tets,
+            mid_edges,
             rigid: rigid_bodies(self.mesh, |t| self.rigid_label(t)),
             mass_damping: self.material.mass_damping,
             ..Elements::default()
+        })
+    }
+
+    /// The ten-node tets; those that are degenerate or folded at rest are left out.
+    fn quadratic_elements(
+        &self,
+        law: ConstitutiveModel,
+        rest: &[DVec3],
+    ) -> Result<(Vec<Element>, Vec<MidEdges>)> {
+        let nodes = self.mesh.ten_node_tets()?;
+        let all = parallel::collect(nodes.len(), |range, all| {
+            all.extend(range.filter_map(|t| self.quadratic_element(t, &nodes[t], law, rest)));
+        });
+        Ok(all.into_iter().unzip())
+    }
+
+    /// The ten-node tet with pieces `PIECES * t` and on.
+    fn quadratic_element(
+        &self,
+        t: usize,
+        nodes: &TenNodes,
+        law: ConstitutiveModel,
+        rest: &[DVec3],
+    ) -> Option<(Element, MidEdges)> {
+        let x = nodes.map(|v| rest[v as usize]);
+        let shape = QuadraticShape::new(&x)?;
+        let [a, b, c, d, middles @ ..] = *nodes;
+        let element = self.element_of(PIECES * t, [a, b, c, d], law, rest)?;
+        let mut offsets = [DVec3::ZERO; 6];
+        for (k, [a, b]) in TET_EDGES.into_iter().enumerate() {
+            offsets[k] = x[4 + k] - x[a].midpoint(x[b]);
         }
+        let element = Element {
+            volume: shape.volumes.iter().sum(),
+            ..element
+        };
+        let mid_edges = MidEdges {
+            nodes: middles,
+            offsets,
+        };
+        Some((element, mid_edges))
     }
 
     /// The region of a tet, if it is rigid.
@@ -134,10 +183,21 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> ModelBuilder<'_, F> {
     }
 
     fn element(&self, t: usize, law: ConstitutiveModel, rest: &[DVec3]) -> Option<Element> {
+        self.element_of(t, self.mesh.tets[t], law, rest)
+    }
+
+    /// The element with corners `nodes` of the material of tet `t`; `None` if it is degenerate or
+    /// rigid.
+    fn element_of(
+        &self,
+        t: usize,
+        nodes: [u32; 4],
+        law: ConstitutiveModel,
+        rest: &[DVec3],
+    ) -> Option<Element> {
         if self.rigid_label(t).is_some() {
             return None;
         }
-        let nodes = self.mesh.tets[t];
         let tet_material = self.material_of(t);
         let stiffness = self.node_factor(&nodes) * tet_material.stiffness;
         let corners = nodes.map(|v| rest[v as usize]);
@@ -157,19 +217,28 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> ModelBuilder<'_, F> {
     }
 
     /// Updates the nodes of `elements` for the tets `star`.
-    pub(super) fn renumber(&self, elements: &mut Elements, star: &[u32], rest: &[DVec3]) {
-        if elements.tets.len() != self.mesh.tets.len() {
-            // Some tets were left out, so elements and tets do not correspond: rebuild.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the tets of a body of order 2 are no longer the pieces of its elements.
+    pub(super) fn renumber(
+        &self,
+        elements: &mut Elements,
+        star: &[u32],
+        rest: &[DVec3],
+    ) -> Result<()> {
+        if elements.order() == 2 || elements.tets.len() != self.mesh.tets.len() {
+            // Elements and tets do not correspond one to one: rebuild.
             *elements = Elements {
                 mass_damping: elements.mass_damping,
                 per_tet_lambda_ratio: elements.per_tet_lambda_ratio,
-                ..self.elements(elements.law, rest)
+                ..self.elements(elements.law, rest)?
             };
-            return;
+            return Ok(());
         }
         for t in star {
             elements.tets[*t as usize].nodes = self.mesh.tets[*t as usize];
         }
+        Ok(())
     }
 
     /// The edges, given as a sorted list with every incident tet.

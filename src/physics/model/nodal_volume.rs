@@ -94,6 +94,7 @@ impl Default for Elements {
             volume: VolumetricFormulation::default(),
             per_tet_lambda_ratio: DEFAULT_PER_TET_LAMBDA_RATIO,
             tets: Vec::new(),
+            mid_edges: Vec::new(),
             rigid: Vec::new(),
             mass_damping: 0.0,
         }
@@ -208,6 +209,14 @@ impl Elements {
 
     /// Returns the energy with the nodes at `x` (m from the frame's origin), J.
     pub fn energy(&self, x: &[DVec3]) -> f64 {
+        if self.order() == 2 {
+            return parallel::sum(self.tets.len(), |t| {
+                let element = self.quadratic_nodes(t).zip(self.quadratic_shape(t));
+                element.map_or(0.0, |(nodes, shape)| {
+                    shape.energy(&self.tets[t], self.law, &nodes.map(|v| x[v as usize]))
+                })
+            });
+        }
         let own = parallel::sum(self.tets.len(), |t| {
             let e = &self.tets[t];
             self.without_averaged_lambda(e)
@@ -222,6 +231,20 @@ impl Elements {
     /// Returns the forces on the nodes at `x` (m), N.
     pub fn forces(&self, x: &[DVec3]) -> Vec<DVec3> {
         let mut f = vec![DVec3::ZERO; x.len()];
+        if self.order() == 2 {
+            for t in 0..self.tets.len() {
+                let Some((nodes, shape)) = self.quadratic_nodes(t).zip(self.quadratic_shape(t))
+                else {
+                    continue;
+                };
+                let x = nodes.map(|v| x[v as usize]);
+                let shares = shape.forces(&self.tets[t], self.law, &x);
+                for (v, share) in nodes.iter().zip(shares) {
+                    f[*v as usize] += share;
+                }
+            }
+            return f;
+        }
         for (tet, pressure) in self.tets.iter().zip(self.averaged_pressures(x)) {
             let shares = self.without_averaged_lambda(tet).forces_with_pressure(
                 self.law,

@@ -47,6 +47,20 @@ impl DiscreteModel {
                     }
                 }
             }
+            Discretisation::Elements(elements) if elements.order() == 2 => {
+                for (t, tet) in elements.tets.iter().enumerate() {
+                    let [mu, lambda] = tet.lame_parameters;
+                    let Some(shape) = elements.quadratic_shape(t) else {
+                        continue;
+                    };
+                    for (gradients, volume) in shape.gradients.iter().zip(shape.volumes) {
+                        for (v, g) in elements.nodes_of(t).zip(gradients) {
+                            stiffness[v as usize] +=
+                                (2.0 * mu + lambda) * volume * g.length_squared();
+                        }
+                    }
+                }
+            }
             Discretisation::Elements(elements) => {
                 for tet in &elements.tets {
                     let [mu, lambda] = tet.lame_parameters;

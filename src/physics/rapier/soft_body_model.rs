@@ -53,6 +53,9 @@ impl SoftBodyModel {
                 "supports finite elements only, but the body is made of springs; use --material neo-hookean (or corotated), or --engine cpu",
             );
         };
+        if elements.order() == 2 {
+            return refused("has no elements of order 2; use order 1, or --engine cpu");
+        }
         if elements.tets.is_empty() {
             return refused(
                 "requires a soft body, but the whole body is rigid; leave a region soft, or use --engine cpu",

@@ -10,7 +10,7 @@ use super::lanczos::{Eigenpair, dot, largest_eigenpair, start_vector};
 pub use super::mode::Mode;
 use crate::physics::grid::GridModel;
 use crate::physics::{
-    ConstitutiveModel, Damping, DiscreteModel, Discretisation, Edge, Element, SolverKind,
+    ConstitutiveModel, Damping, DiscreteModel, Discretisation, Edge, Element, Elements, SolverKind,
 };
 use glam::{DMat3, DVec3};
 
@@ -32,7 +32,9 @@ pub struct StepLimit {
 #[derive(Clone, Debug)]
 pub struct LinearisedModel {
     links: Vec<LinearSpring>,
-    tets: Vec<LinearTet>,
+    tets: Vec<LinearElement<4>>,
+    /// Quadrature points of ten-node tets.
+    quadratic: Vec<LinearElement<10>>,
     /// Averaged nodal volumes: vectors v that contribute v vᵀ to K.
     volumes: Vec<Vec<(u32, DVec3)>>,
     /// Stiffness-proportional damping of the tets, s.
@@ -58,30 +60,59 @@ struct LinearSpring {
     damping: f64,
 }
 
-/// An element at rest: Hooke's law.
+/// An element of N nodes at rest, or a quadrature point of one: Hooke's law.
 #[derive(Clone, Copy, Debug)]
-struct LinearTet {
-    nodes: [usize; 4],
+struct LinearElement<const N: usize> {
+    nodes: [usize; N],
     /// Gradients of the shape functions, 1/m.
-    gradients: [DVec3; 4],
+    gradients: [DVec3; N],
     /// Volume, m³.
     volume: f64,
     /// Lamé parameters μ and λ, Pa.
     lame: [f64; 2],
 }
 
-impl LinearTet {
-    fn new(element: &Element, law: ConstitutiveModel) -> LinearTet {
-        LinearTet {
+impl LinearElement<4> {
+    fn new(element: &Element, law: ConstitutiveModel) -> LinearElement<4> {
+        LinearElement {
             nodes: element.nodes.map(|v| v as usize),
             gradients: element.gradients(),
             volume: element.volume,
             lame: element.small_strain(law),
         }
     }
+}
+
+/// The quadrature points of the ten-node tets of a body of order 2.
+fn quadrature_points(elements: &Elements) -> Vec<LinearElement<10>> {
+    let of_element = |t: usize| {
+        let (nodes, shape) = elements
+            .quadratic_nodes(t)
+            .zip(elements.quadratic_shape(t))?;
+        let lame = elements.tets[t].small_strain(elements.law);
+        let points = shape.gradients.into_iter().zip(shape.volumes);
+        Some(points.map(move |(gradients, volume)| LinearElement {
+            nodes: nodes.map(|v| v as usize),
+            gradients,
+            volume,
+            lame,
+        }))
+    };
+    let count = elements.tets.len();
+    (0..count).filter_map(of_element).flatten().collect()
+}
+
+impl<const N: usize> LinearElement<N> {
+    /// Adds `share` K y to `product`, both scaled by `weights`.
+    fn add_product(&self, share: f64, weights: &[f64], y: &[DVec3], product: &mut [DVec3]) {
+        let u = self.nodes.map(|v| y[v] * weights[v]);
+        for (v, f) in self.nodes.into_iter().zip(self.product(u)) {
+            product[v] += share * f;
+        }
+    }
 
     /// Returns K u for the displacements u of its nodes: V σ g with σ = μ (∇u + ∇uᵀ) + λ tr ∇u.
-    fn product(&self, u: [DVec3; 4]) -> [DVec3; 4] {
+    fn product(&self, u: [DVec3; N]) -> [DVec3; N] {
         let mut gradient = DMat3::ZERO;
         for (u, g) in u.iter().zip(self.gradients) {
             gradient += DMat3::from_cols(*u * g.x, *u * g.y, *u * g.z);
@@ -128,11 +159,16 @@ impl LinearisedModel {
         let elements = network.elements();
         LinearisedModel {
             links: links.collect(),
-            tets: elements.map_or(Vec::new(), |elements| {
-                let tets = elements.tets.iter();
-                tets.map(|e| LinearTet::new(&elements.without_averaged_lambda(e), elements.law))
+            tets: elements
+                .filter(|e| e.order() == 1)
+                .map_or(Vec::new(), |elements| {
+                    let tets = elements.tets.iter();
+                    tets.map(|e| {
+                        LinearElement::new(&elements.without_averaged_lambda(e), elements.law)
+                    })
                     .collect()
-            }),
+                }),
+            quadratic: elements.map_or(Vec::new(), quadrature_points),
             volumes: elements.map_or(Vec::new(), |elements| {
                 elements.volume_gradients(&network.rest_positions)
             }),
@@ -174,6 +210,7 @@ impl LinearisedModel {
         LinearisedModel {
             links,
             tets: Vec::new(),
+            quadratic: Vec::new(),
             volumes: Vec::new(),
             damping_time: 0.0,
             weights: grid.masses.iter().map(|m| inverse(m).sqrt()).collect(),
@@ -199,10 +236,10 @@ impl LinearisedModel {
         }
         let share = a + b * self.damping_time;
         for tet in &self.tets {
-            let u = tet.nodes.map(|v| y[v] * self.weights[v]);
-            for (v, f) in tet.nodes.into_iter().zip(tet.product(u)) {
-                product[v] += share * f;
-            }
+            tet.add_product(share, &self.weights, y, &mut product);
+        }
+        for point in &self.quadratic {
+            point.add_product(share, &self.weights, y, &mut product);
         }
         for slope in &self.volumes {
             let each = slope.iter().map(|(v, g)| {

@@ -9,7 +9,8 @@ use crate::skin::Mapping;
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// A force distributed over the nodes of a region.
+/// A force on a region: an even traction on the boundary faces of the body whose nodes are in it,
+/// or, if there are none, the same force on each node.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceEntry {
@@ -17,6 +18,23 @@ pub struct ForceEntry {
     pub on: Region,
     /// Resultant force, N.
     pub total: [f64; 3],
+}
+
+/// A mass that moves with a region of the body, such as a weight hung from it: distributed like the
+/// force of a [`ForceEntry`].
+///
+/// ```toml
+/// [[mass]]
+/// on = { axis = "x", above = 0.99 }
+/// kg = 0.052
+/// ```
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MassEntry {
+    /// The nodes.
+    pub on: Region,
+    /// Mass, kg.
+    pub kg: f64,
 }
 
 /// A floor: a plane with a penalty force on the nodes of a tetrahedral body below it. A body above

@@ -16,7 +16,7 @@ pub use body::{
 };
 pub use inside::{IsosurfaceEntry, PlaneEntry};
 pub use joint::{AxisEntry, EmptyEntry, JointEntry};
-pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, SkinEntry};
+pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, MassEntry, SkinEntry};
 pub use output::OutputEntry;
 pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionAppearanceEntry, XrayEntry};
 pub(in crate::scene) use scan::scans;

@@ -1,6 +1,7 @@
 //! Reading of a scene's `[material]`, in which keys that are not settings are tissues.
 
 use super::{MaterialEntry, TissueEntry};
+use crate::mesh::ElementOrder;
 use crate::physics::{MaterialModel, VolumetricFormulation};
 use crate::scene::keywords::damping_kind;
 use serde::de::{DeserializeSeed, Error as _, MapAccess, Visitor};
@@ -35,6 +36,7 @@ impl<'de> Visitor<'de> for Entries {
                 "model" => entry.model = Some(map.next_value_seed(Model)?),
                 "poisson" => entry.poisson = Some(map.next_value()?),
                 "volume" => entry.volume = Some(map.next_value_seed(Volume)?),
+                "order" => entry.order = Some(map.next_value_seed(Order)?),
                 "young" => entry.young = Some(map.next_value()?),
                 "stiffness" => entry.stiffness = Some(map.next_value()?),
                 "stiffness_field" => entry.stiffness_field = Some(map.next_value()?),
@@ -86,6 +88,20 @@ impl<'de> DeserializeSeed<'de> for Volume {
         from: D,
     ) -> std::result::Result<VolumetricFormulation, D::Error> {
         String::deserialize(from)?.parse().map_err(D::Error::custom)
+    }
+}
+
+/// The order of the elements, as a number.
+struct Order;
+
+impl<'de> DeserializeSeed<'de> for Order {
+    type Value = ElementOrder;
+
+    fn deserialize<D: Deserializer<'de>>(
+        self,
+        from: D,
+    ) -> std::result::Result<ElementOrder, D::Error> {
+        ElementOrder::from_number(i64::deserialize(from)?).map_err(D::Error::custom)
     }
 }
 

@@ -4,7 +4,7 @@ mod deserialize;
 
 use super::keywords::{DAMPING_KINDS, unknown_keyword_error};
 use super::region::LabelOrName;
-use crate::mesh::{Location, TetMesh};
+use crate::mesh::{ElementOrder, Location, TetMesh};
 use crate::physics::{
     Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumetricFormulation,
 };
@@ -41,6 +41,9 @@ pub struct MaterialEntry {
     /// Volumetric formulation of finite elements: `per-tet`, or `averaged`, which avoids volumetric
     /// locking as ν approaches ½.
     pub volume: Option<VolumetricFormulation>,
+    /// Order of finite elements: 1 (linear tets) or 2 (quadratic tets, each with ten nodes), which
+    /// need far fewer tets for the same error.
+    pub order: Option<ElementOrder>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
     /// Field of the tetrahedra, or else of the nodes, that scales the stiffness.
@@ -158,6 +161,9 @@ impl MaterialEntry {
         self.check_rigid(material.model)?;
         if let Some(volume) = self.volume {
             material.volume = volume;
+        }
+        if let Some(order) = self.order {
+            material.order = order;
         }
         material.stiffness_scale_field = self.stiffness_field.clone();
         if let Some(density) = self.density {

@@ -1,6 +1,8 @@
 //! Creation of a body from its model.
 
 use super::{CpuBody, ForceStatus, KinematicState};
+use crate::physics::cpu::elements::batch::TetBatch;
+use crate::physics::cpu::elements::quadratic_batch::QuadraticBatch;
 use crate::physics::cpu::elements::term::ElementTerm;
 use crate::physics::cpu::external_loads::ExternalLoads;
 use crate::physics::cpu::implicit::linear_step::LinearStepSolver;
@@ -16,8 +18,7 @@ use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::{from_metres, zero};
 use crate::physics::simulator::messages::requires_elements_error;
 use crate::physics::{
-    CgSettings, DiscreteModel, Discretisation, Edge, Element, LocalUnits, NewtonSettings,
-    SolverKind,
+    CgSettings, DiscreteModel, Discretisation, Edge, LocalUnits, NewtonSettings, SolverKind,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -159,9 +160,9 @@ fn check_model(network: &DiscreteModel) -> Result<()> {
     let Some(elements) = network.elements() else {
         return Ok(());
     };
-    let strange = |e: &Element| e.nodes.iter().any(|v| *v as usize >= nodes);
+    let strange = |t: usize| elements.nodes_of(t).any(|v| v as usize >= nodes);
     let damped = elements.mass_damping;
-    if elements.tets.iter().any(strange) || !(damped >= 0.0 && damped.is_finite()) {
+    if (0..elements.tets.len()).any(strange) || !(damped >= 0.0 && damped.is_finite()) {
         return Err(Error::Input(format!(
             "a model of {nodes} nodes has elements of nodes that do not exist, or a mass damping of {damped} 1/s; give existing nodes and a finite mass damping ≥ 0"
         )));
@@ -197,7 +198,18 @@ fn material_term<T: Real>(
         Discretisation::Springs(springs) => Box::new(Springs::new(network, springs, with)),
         Discretisation::Elements(elements) => {
             let implicit = kind.is_implicit();
-            Box::new(ElementTerm::new((network, elements), with, implicit))
+            match elements.order() {
+                1 => Box::new(ElementTerm::<T, TetBatch<T>>::new(
+                    (network, elements),
+                    with,
+                    implicit,
+                )),
+                _ => Box::new(ElementTerm::<T, QuadraticBatch<T>>::new(
+                    (network, elements),
+                    with,
+                    implicit,
+                )),
+            }
         }
     }
 }

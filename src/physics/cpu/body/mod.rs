@@ -25,7 +25,7 @@ use super::implicit::linear_step::LinearStepSolver;
 use super::implicit::newton::NewtonSolver;
 use super::node_constraints::NodeConstraint;
 use super::partition::Partition;
-use super::pressure::Pressure;
+use super::pressure::{LoadedFace, Pressure};
 use super::runtime::energy_guard::EnergyGuard;
 use super::runtime::inversion::InversionCheck;
 use super::scalar::Real;
@@ -161,8 +161,8 @@ impl<T: Real> CpuBody<T> {
         Ok(())
     }
 
-    /// Adds pressure on faces, three nodes each, with the amplitude of index `level`.
-    pub fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize) {
+    /// Adds pressure on faces with the amplitude of index `level`.
+    pub fn add_pressure(&mut self, faces: &[LoadedFace], level: usize) {
         let nodes = (&self.engine_index[..], &self.rest[..]);
         let pressure = Pressure::new(faces, level, nodes, &self.units, &self.plan);
         self.loads.add_pressure(pressure);

@@ -7,6 +7,7 @@ use crate::generate::{Split, ball, box_mesh};
 use crate::mesh::{TetMesh, Topology};
 use crate::physics::cpu::elements::muscle::MuscleTerm;
 use crate::physics::cpu::node_constraints::NodeConstraint;
+use crate::physics::cpu::pressure::LoadedFace;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{V4, from_metres, to_metres};
 use crate::physics::{CgSettings, DiscreteModel, Material, MaterialModel, Muscle, SolverKind};
@@ -41,12 +42,17 @@ fn faces(mesh: &TetMesh) -> Vec<[u32; 3]> {
         .collect()
 }
 
+/// Returns `faces` as those of linear tets.
+fn linear(faces: &[[u32; 3]]) -> Vec<LoadedFace> {
+    faces.iter().map(|face| (*face, [false; 3])).collect()
+}
+
 /// Returns the forces of a pressure alone on a body with nodes at `x`.
 fn pressed(network: &DiscreteModel, faces: &[[u32; 3]], x: &[DVec3], chunks: usize) -> Vec<DVec3> {
     let mut body = body(network, SolverKind::Implicit, chunks);
     body.set_state(x, &vec![DVec3::ZERO; x.len()]).unwrap();
     let before = body.forces();
-    body.add_pressure(faces, 1);
+    body.add_pressure(&linear(faces), 1);
     // The amplitude of another index has no effect.
     body.set_levels(&[1e9, 700.0]);
     let after = body.forces();
@@ -99,7 +105,7 @@ fn cube_under_pressure_shrinks_by_bulk_modulus() {
     for (poisson, kind) in [(0.3, SolverKind::Implicit), (0.45, SolverKind::Bdf2)] {
         let network = network(&mesh, poisson, 0.02);
         let mut body = body(&network, kind, 2);
-        body.add_pressure(&faces(&mesh), 0);
+        body.add_pressure(&linear(&faces(&mesh)), 0);
         let pressure = 1e-6 * YOUNG;
         body.set_levels(&[pressure]);
         body.run(60, 0.1).unwrap();

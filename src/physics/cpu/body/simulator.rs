@@ -1,7 +1,7 @@
 //! The model of tetrahedral bodies stepped on the CPU, and the capabilities of such bodies.
 
 use super::tets::{CpuState, CpuTetModel, CpuTets};
-use crate::mesh::{Blade, LocalFrame, cut};
+use crate::mesh::{Blade, LocalFrame, cut_elements};
 use crate::physics::cpu::contact::parameters::check_contact;
 use crate::physics::cpu::runtime::checkpoint::ResumableModel;
 use crate::physics::cpu::runtime::steppable::TetBody;
@@ -100,11 +100,12 @@ impl BodyModel for CpuTetModel {
     fn cut(simulator: &mut CpuTets, blade: &Blade) -> Result<TopologyChange> {
         simulator.finish()?;
         let (mut positions, mut velocities) = (simulator.positions()?, simulator.velocities()?);
-        let done = cut(
+        let done = cut_elements(
             &mut simulator.mesh,
             &mut simulator.topology,
             &positions,
             blade,
+            simulator.model.material.order,
         )?;
         if done.is_empty() {
             return Ok(TopologyChange::default());

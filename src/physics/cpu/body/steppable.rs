@@ -3,6 +3,7 @@
 use super::CpuBody;
 use crate::Result;
 use crate::physics::cpu::node_terms::NodeTerms;
+use crate::physics::cpu::pressure::LoadedFace;
 use crate::physics::cpu::runtime::energy_guard::StepFailure;
 use crate::physics::cpu::runtime::steppable::{
     LoadUpdate, Precision, Resumable, Steppable, TetBody, pack, unpack,
@@ -96,7 +97,7 @@ impl<T: Real> TetBody for CpuBody<T> {
         self.add_term(Box::new(own));
     }
 
-    fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize) {
+    fn add_pressure(&mut self, faces: &[LoadedFace], level: usize) {
         CpuBody::add_pressure(self, faces, level);
     }
 

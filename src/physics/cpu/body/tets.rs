@@ -144,7 +144,15 @@ impl CpuTets {
         match acting {
             ScaledLoad::Pressure(faces) => {
                 let (mesh, topology) = (&self.mesh, &self.topology);
-                let faces = faces.iter().map(|f| topology.boundary_nodes(mesh, *f));
+                let middles = match self.model.network.elements() {
+                    Some(elements) if elements.order() == 2 => mesh.mid_edge_nodes(),
+                    _ => Vec::new(),
+                };
+                let is_middle = |v: u32| middles.get(v as usize).copied().unwrap_or(false);
+                let faces = faces.iter().map(|f| {
+                    let nodes = topology.boundary_nodes(mesh, *f);
+                    (nodes, nodes.map(is_middle))
+                });
                 body.add_pressure(&faces.collect::<Vec<_>>(), level);
             }
             ScaledLoad::Muscle(muscle) => {

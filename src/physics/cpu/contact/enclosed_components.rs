@@ -30,14 +30,21 @@ impl EnclosedComponents {
         u: &[V4<T>],
     ) -> EnclosedComponents {
         let mut leads: Vec<u32> = (0..hull.rest.len() as u32).collect();
-        let tets = network.tets().iter().map(|e| &e.nodes[..]);
-        let rigid = network.rigid_bodies().iter().map(|body| &body.nodes[..]);
-        for nodes in tets.chain(rigid) {
+        let mut join = |nodes: &[u32]| {
             for pair in nodes.windows(2) {
                 let [a, b] = [pair[0], pair[1]].map(|v| root(&mut leads, place[v as usize]));
                 leads[a.max(b) as usize] = a.min(b);
             }
+        };
+        if let Some(elements) = network.elements() {
+            for t in 0..elements.tets.len() {
+                join(&elements.nodes_of(t).collect::<Vec<_>>());
+            }
         }
+        network
+            .rigid_bodies()
+            .iter()
+            .for_each(|body| join(&body.nodes));
         let part = (0..leads.len() as u32).map(|v| root(&mut leads, v));
         let mut buried = EnclosedComponents {
             node_component: part.collect(),

@@ -71,11 +71,13 @@ pub(in crate::physics) fn face_stiffnesses(
 ) -> impl Iterator<Item = ([u32; 3], f64)> {
     let mut around = vec![(0.0, 0.0); network.rest_positions.len()];
     let (mut all, mut volume) = (0.0, 0.0);
-    for e in network.tets() {
+    let elements = network.elements().into_iter();
+    for (elements, t) in elements.flat_map(|e| (0..e.tets.len()).map(move |t| (e, t))) {
+        let e = &elements.tets[t];
         let young = YOUNG_OVER_MU * e.lame_parameters[0];
         all += young * e.volume;
         volume += e.volume;
-        for v in e.nodes {
+        for v in elements.nodes_of(t) {
             let (sum, count) = &mut around[v as usize];
             (*sum, *count) = (*sum + young, *count + 1.0);
         }

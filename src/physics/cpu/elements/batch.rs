@@ -10,15 +10,34 @@ pub(in crate::physics::cpu) type LaneVec3<L> = [L; 3];
 /// One 3×3 matrix per lane, as columns.
 pub(in crate::physics::cpu) type LaneMat3<L> = [LaneVec3<L>; 3];
 
-/// Four tetrahedra; the padding of the last batch of a list has zero volume.
+/// A quadrature point in each of four tetrahedra. Linear tets have one; its volume is theirs.
+#[derive(Clone, Debug)]
+pub(in crate::physics::cpu) struct TetPoint<T: Real> {
+    /// Gradients of the last three barycentric coordinates.
+    pub gradients: LaneMat3<T::Lanes>,
+    /// Volume of the point times μ, and times λ as it enters the energy.
+    pub lame: [T::Lanes; 2],
+}
+
+impl<T: Real> TetPoint<T> {
+    /// Returns the displacement gradient Σ u_a ⊗ g_a, as columns, from the differences of the last
+    /// three displacements to the first.
+    #[inline(always)]
+    pub fn gradient(&self, [a, b, c]: [LaneVec3<T::Lanes>; 3]) -> LaneMat3<T::Lanes> {
+        let g = &self.gradients;
+        std::array::from_fn(|j| {
+            std::array::from_fn(|i| a[i] * g[0][j] + b[i] * g[1][j] + c[i] * g[2][j])
+        })
+    }
+}
+
+/// Four linear tetrahedra; the padding of the last batch of a list has zero volume.
 #[derive(Clone, Debug)]
 pub(in crate::physics::cpu) struct TetBatch<T: Real> {
     /// Nodes of each tetrahedron, ascending in the engine's order.
     pub nodes: [[u32; 4]; 4],
-    /// Shape function gradients of the last three nodes of each tetrahedron.
-    pub gradients: LaneMat3<T::Lanes>,
-    /// Volume times μ, and volume times λ as it enters the energy.
-    pub lame: [T::Lanes; 2],
+    /// Shape function gradients and material.
+    pub point: TetPoint<T>,
 }
 
 impl<T: Real> TetBatch<T> {
@@ -33,11 +52,7 @@ impl<T: Real> TetBatch<T> {
             let [x, y, z, _] = T::Lanes::transpose(tets);
             *edge = [x, y, z];
         }
-        let [a, b, c] = edges;
-        let g = &self.gradients;
-        std::array::from_fn(|j| {
-            std::array::from_fn(|i| a[i] * g[0][j] + b[i] * g[1][j] + c[i] * g[2][j])
-        })
+        self.point.gradient(edges)
     }
 
     /// Adds −P g_a to the nodes that lie within `out`, which begins with node `first`.
@@ -50,7 +65,7 @@ impl<T: Real> TetBatch<T> {
     ) {
         let zero = T::Lanes::splat(0.0);
         let shares: [[V4<T>; 4]; 3] = std::array::from_fn(|k| {
-            let g = &self.gradients[k];
+            let g = &self.point.gradients[k];
             let f: LaneVec3<T::Lanes> = std::array::from_fn(|i| {
                 -(stress[0][i] * g[0] + stress[1][i] * g[1] + stress[2][i] * g[2])
             });

@@ -5,7 +5,7 @@
 //! |F|² − 3 = 2 tr G + |G|², J − 1 = tr G + tr cof G + det G.
 
 use super::batch::{
-    LaneMat3, LaneVec3, TetBatch, add_identity, cofactor, cofactor_from_gradient, cross, dot, times,
+    LaneMat3, LaneVec3, TetPoint, add_identity, cofactor, cofactor_from_gradient, cross, dot, times,
 };
 use super::svd::Svd;
 use crate::physics::ConstitutiveModel;
@@ -18,7 +18,7 @@ use crate::physics::model::elements::{CRUSH_STIFFNESS_RATIO, CRUSH_THRESHOLD_J};
 pub(in crate::physics::cpu) const NODE_PAIRS: [[usize; 2]; 6] =
     [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
-impl<T: Real> TetBatch<T> {
+impl<T: Real> TetPoint<T> {
     /// Returns the energy of each tetrahedron for the displacement gradient `g`.
     #[inline(always)]
     pub fn energy(&self, law: ConstitutiveModel, g: &LaneMat3<T::Lanes>) -> T::Lanes {
@@ -126,8 +126,7 @@ impl<T: Real> TetBatch<T> {
     }
 
     /// Computes the six off-diagonal blocks of the Hessian at constant additional pressure, in the
-    /// order of [`NODE_PAIRS`], times `scale`: for each tetrahedron the three columns of each
-    /// block.
+    /// order of [`NODE_PAIRS`], times `scale`.
     #[inline(always)]
     pub fn blocks(
         &self,
@@ -135,7 +134,7 @@ impl<T: Real> TetBatch<T> {
         g: &LaneMat3<T::Lanes>,
         extra_pressure: T::Lanes,
         scale: T::Lanes,
-        mut emit: impl FnMut(usize, [[V4<T>; 3]; 4]),
+        mut emit: impl FnMut(usize, LaneMat3<T::Lanes>),
     ) {
         let lame = self.lame.map(|l| l * scale);
         let extra_pressure = extra_pressure * scale;
@@ -164,7 +163,7 @@ impl<T: Real> TetBatch<T> {
                 block[2][1] = block[2][1] + w[0];
                 block[0][2] = block[0][2] + w[1];
                 block[1][2] = block[1][2] - w[0];
-                emit(n, unpack_blocks::<T>(&block));
+                emit(n, block);
             }
         } else {
             let svd = Svd::new(g);
@@ -173,9 +172,7 @@ impl<T: Real> TetBatch<T> {
             for (n, [a, b]) in NODE_PAIRS.iter().enumerate() {
                 emit(
                     n,
-                    unpack_blocks::<T>(
-                        &curvature.block(principal_gradients[*a], principal_gradients[*b]),
-                    ),
+                    curvature.block(principal_gradients[*a], principal_gradients[*b]),
                 );
             }
         }
@@ -261,7 +258,7 @@ fn combine<L: Lane>(entry: impl Fn(usize, usize) -> L) -> LaneMat3<L> {
 
 /// Returns the block of each tetrahedron, with padded columns.
 #[inline(always)]
-fn unpack_blocks<T: Real>(block: &LaneMat3<T::Lanes>) -> [[V4<T>; 3]; 4] {
+pub(super) fn unpack_blocks<T: Real>(block: &LaneMat3<T::Lanes>) -> [[V4<T>; 3]; 4] {
     let zero = T::Lanes::splat(0.0);
     let columns = block.map(|[x, y, z]| T::Lanes::transpose([x, y, z, zero]));
     std::array::from_fn(|l| columns.map(|c| T::array(c[l])))

@@ -162,7 +162,7 @@ impl<T: Real> NodalVolumeTerm<T> {
             all
         };
         let fill = nodes.start as u32;
-        let batch = |four: &[CountedTet]| TetBatch::new(four, of.elements, of.units, fill);
+        let batch = |four: &[CountedTet]| TetBatch::of_tets(four, of.elements, of.units, fill);
         let stiffness = |c: u32| of.cells.cells[c as usize].stiffness / joules;
         let counts = |c: u32| nodes.contains(&(place(c) as usize));
         NodalVolumeTerm {
@@ -257,7 +257,7 @@ impl<T: Real> NodalVolumeTerm<T> {
             let all = corners.slots.iter().zip(&corners.shares);
             for (batch, (slots, share)) in batches.iter().zip(all) {
                 let (c, ..) = cofactor_from_gradient(&batch.gradient(u));
-                let of_nodes = batch.all_gradients().map(|g| {
+                let of_nodes = batch.point.all_gradients().map(|g| {
                     let [x, y, z]: LaneVec3<T::Lanes> = times(&c, g).map(|x| *share * x);
                     T::Lanes::transpose([x, y, z, T::Lanes::splat(0.0)])
                 });

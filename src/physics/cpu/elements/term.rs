@@ -4,36 +4,37 @@
 //! chunk that has a node of a shared tetrahedron computes it, so that no chunk writes to the nodes
 //! of another.
 
-use super::batch::TetBatch;
-use super::nodal_volumes::{NodalVolumeTerm, VolumeSources};
+use super::batch::{TetBatch, TetPoint};
+use super::element_batch::{Counted, DampedState, ElementBatch, ElementSources};
+use super::nodal_volumes::NodalVolumeTerm;
 use crate::physics::cpu::linear::block_csr::BlockCsr;
 use crate::physics::cpu::partition::{Chunks, Nodes, Partition};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::simd::Lane;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{Mat3Columns, V4, scale, sub, sum_f64, zero};
-use crate::physics::{ConstitutiveModel, DiscreteModel, Element, Elements, LocalUnits};
+use crate::physics::{ConstitutiveModel, DiscreteModel, Elements, LocalUnits};
 use glam::{DMat3, DVec3};
 use std::ops::Range;
 
 /// Tetrahedra of a chunk, in batches of four.
-#[derive(Clone, Debug, Default)]
-struct List<T: Real> {
-    batches: Vec<TetBatch<T>>,
-    /// Destination of each tetrahedron's blocks, in the order of its node pairs.
-    block_slots: Vec<[[u32; 6]; 4]>,
+#[derive(Debug)]
+struct List<T: Real, B> {
+    batches: Vec<B>,
+    /// Destination of the blocks of each batch: for each node pair one slot per tetrahedron.
+    block_slots: Vec<[u32; 4]>,
     /// 1, or 0 for tetrahedra whose energy another chunk counts.
     energy_mask: Vec<V4<T>>,
 }
 
 /// Tetrahedra of a chunk of nodes.
 #[derive(Debug)]
-struct Chunk<T: Real> {
+struct Chunk<T: Real, B> {
     first: usize,
     /// Tetrahedra with all nodes in the chunk.
-    interior: List<T>,
+    interior: List<T, B>,
     /// Tetrahedra with some nodes in the chunk.
-    shared: List<T>,
+    shared: List<T, B>,
     /// Averaged nodal volumes, if the formulation uses them.
     volumes: Option<NodalVolumeTerm<T>>,
     rows: BlockCsr<T>,
@@ -43,11 +44,11 @@ struct Chunk<T: Real> {
     mass_damping: Vec<T>,
 }
 
-/// All tetrahedra of a body.
+/// All tetrahedra of a body, in batches `B`.
 #[derive(Debug)]
-pub struct ElementTerm<T: Real> {
+pub struct ElementTerm<T: Real, B> {
     law: ConstitutiveModel,
-    chunks: Vec<Chunk<T>>,
+    chunks: Vec<Chunk<T, B>>,
     /// β, local units.
     damping: T,
     projected: bool,
@@ -64,43 +65,37 @@ struct AssemblyOptions<T> {
     damping: T,
 }
 
-impl<T: Real> ElementTerm<T> {
-    /// Creates the term for `elements`, those of `network`, whose node `order[k]` is the engine's k-th,
-    /// partitioned by `plan`; `implicit` if they will be linearised.
+impl<T: Real, B: ElementBatch<T>> ElementTerm<T, B> {
+    /// Creates the term for `elements`, those of `model`, whose node `order[k]` is the engine's
+    /// k-th, partitioned by `plan`; `implicit` if they will be linearised.
     pub fn new(
-        (network, elements): (&DiscreteModel, &Elements),
+        (model, elements): (&DiscreteModel, &Elements),
         (order, units, plan): (&[u32], LocalUnits, &Partition),
         implicit: bool,
-    ) -> ElementTerm<T> {
-        let mut place = vec![0u32; order.len()];
+    ) -> ElementTerm<T, B> {
+        let mut engine_index = vec![0u32; order.len()];
         for (k, v) in order.iter().enumerate() {
-            place[*v as usize] = k as u32;
+            engine_index[*v as usize] = k as u32;
         }
-        let sorted = sorted_tets(&elements.tets, &place);
-        let cells = elements.cells();
-        let lists = lists_of_chunks(&sorted, plan);
+        let sources = ElementSources {
+            elements,
+            units: &units,
+            engine_index: &engine_index,
+        };
+        let sorted = B::sorted(&sources);
+        let lists = lists_of_chunks::<T, B>(&sorted, plan);
         let alpha = elements.mass_damping / units.damping();
-        let drag = |v: &u32| T::from_f64(alpha * network.masses[*v as usize]);
+        let drag = |v: &u32| T::from_f64(alpha * model.masses[*v as usize]);
         let chunks = lists.into_iter().enumerate().map(|(c, (inner, outer))| {
-            let mine = || inner.iter().chain(&outer).map(|t| &t.0.0);
+            let own = || inner.iter().chain(&outer).map(|(item, _)| B::nodes(item));
             let rows = match implicit {
-                true => BlockCsr::new(plan.range(c), mine()),
+                true => BlockCsr::new(plan.range(c), own()),
                 false => BlockCsr::default(),
             };
             let fill = plan.range(c).start as u32;
-            let list = |own: &[_]| List::new(own, elements, &units, &rows, fill);
-            let volumes = (!cells.cells.is_empty()).then(|| {
-                let beyond = VolumeSources {
-                    elements,
-                    units: &units,
-                    cells: &cells,
-                    place: &place,
-                    sorted: &sorted,
-                };
-                NodalVolumeTerm::new(&beyond, plan.range(c), [&inner, &outer], implicit)
-            });
+            let list = |own: &[_]| List::new(own, &sources, &rows, fill);
             Chunk {
-                volumes,
+                volumes: B::volumes(&sources, plan.range(c), &sorted, [&inner, &outer], implicit),
                 first: plan.range(c).start,
                 interior: list(&inner),
                 shared: list(&outer),
@@ -113,54 +108,45 @@ impl<T: Real> ElementTerm<T> {
                 rows,
             }
         });
-        let mut tets = ElementTerm {
+        let mut term = ElementTerm {
             law: elements.law,
             chunks: chunks.collect(),
-            damping: T::from_f64(network.damping_time / units.time),
+            damping: T::from_f64(model.damping_time / units.time),
             projected: false,
         };
-        if tets.damping > T::ZERO {
-            for chunk in &mut tets.chunks {
+        if term.damping > T::ZERO {
+            for chunk in &mut term.chunks {
                 chunk.damping = vec![[zero(); 3]; chunk.rows.values.len()];
                 if let Some(volumes) = &mut chunk.volumes {
                     volumes.damp();
                 }
             }
         }
-        tets
+        term
     }
 }
 
-/// Returns the tetrahedra in ascending order, each with ascending nodes, so that the node pairs give
-/// the blocks above the diagonal. `place` gives the engine's index of every node.
-fn sorted_tets(tets: &[Element], place: &[u32]) -> Vec<SortedTet> {
-    let tets = tets.iter().enumerate();
-    let mut sorted: Vec<SortedTet> = tets
-        .map(|(t, tet)| {
-            let nodes = tet.nodes.map(|v| place[v as usize]);
-            let mut turn = [0, 1, 2, 3];
-            turn.sort_unstable_by_key(|a| nodes[*a]);
-            (turn.map(|a| nodes[a]), turn, t as u32)
-        })
-        .collect();
-    sorted.sort_unstable();
-    sorted
-}
+/// The elements inside a chunk, and those across its border.
+type ChunkLists<I> = (Vec<Counted<I>>, Vec<Counted<I>>);
 
-/// Returns for every chunk the tetrahedra with all nodes in it, and those with some.
-fn lists_of_chunks(
-    sorted: &[SortedTet],
+/// Returns for every chunk the elements with all nodes in it, and those with some.
+fn lists_of_chunks<T: Real, B: ElementBatch<T>>(
+    sorted: &[B::Item],
     plan: &Partition,
-) -> Vec<(Vec<CountedTet>, Vec<CountedTet>)> {
-    let mut lists = vec![(Vec::new(), Vec::new()); plan.chunks()];
-    for tet in sorted {
-        let mut homes = tet.0.map(|v| plan.chunk_of(v as usize)).to_vec();
+) -> Vec<ChunkLists<B::Item>> {
+    let mut lists = Vec::new();
+    lists.resize_with(plan.chunks(), || (Vec::new(), Vec::new()));
+    let mut homes = Vec::new();
+    for item in sorted {
+        homes.clear();
+        homes.extend(B::nodes(item).iter().map(|v| plan.chunk_of(*v as usize)));
+        homes.sort_unstable();
         homes.dedup();
         match homes[..] {
-            [home] => lists[home].0.push((*tet, true)),
+            [home] => lists[home].0.push((*item, true)),
             _ => {
                 for (n, home) in homes.iter().enumerate() {
-                    lists[*home].1.push((*tet, n == 0));
+                    lists[*home].1.push((*item, n == 0));
                 }
             }
         }
@@ -176,7 +162,7 @@ pub(in crate::physics::cpu) type CountedTet = (SortedTet, bool);
 
 impl<T: Real> TetBatch<T> {
     /// Creates a batch of up to four elements; the padding refers to node `fill`.
-    pub fn new(
+    pub fn of_tets(
         own: &[CountedTet],
         elements: &Elements,
         units: &LocalUnits,
@@ -201,33 +187,40 @@ impl<T: Real> TetBatch<T> {
         }
         TetBatch {
             nodes,
-            gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
-            lame: lame.map(|l| T::lanes(&l)),
+            point: TetPoint {
+                gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
+                lame: lame.map(|l| T::lanes(&l)),
+            },
         }
     }
 }
 
-impl<T: Real> List<T> {
+impl<T: Real, B: ElementBatch<T>> List<T, B> {
     fn new(
-        own: &[CountedTet],
-        elements: &Elements,
-        units: &LocalUnits,
+        own: &[Counted<B::Item>],
+        sources: &ElementSources<'_>,
         rows: &BlockCsr<T>,
         fill: u32,
-    ) -> List<T> {
-        let mut list = List::default();
+    ) -> List<T, B> {
+        let mut list = List {
+            batches: Vec::new(),
+            block_slots: Vec::new(),
+            energy_mask: Vec::new(),
+        };
         for four in own.chunks(4) {
-            let mut places = [[0; 6]; 4];
             let mut counted = [T::ZERO; 4];
-            for (l, ((sorted, ..), counts)) in four.iter().enumerate() {
-                for (place, [a, b]) in places[l].iter_mut().zip(super::kernels::NODE_PAIRS) {
-                    *place = rows.entry_slot(sorted[a], sorted[b]);
-                }
-                counted[l] = T::of_bit(u32::from(*counts));
+            for (to, (_, counts)) in counted.iter_mut().zip(four) {
+                *to = T::of_bit(u32::from(*counts));
             }
-            list.batches
-                .push(TetBatch::new(four, elements, units, fill));
-            list.block_slots.push(places);
+            for [a, b] in B::PAIRS {
+                let mut slots = [0; 4];
+                for (slot, (item, _)) in slots.iter_mut().zip(four) {
+                    let nodes = B::nodes(item);
+                    *slot = rows.entry_slot(nodes[*a], nodes[*b]);
+                }
+                list.block_slots.push(slots);
+            }
+            list.batches.push(B::new(four, sources, fill));
             list.energy_mask.push(counted);
         }
         list
@@ -236,74 +229,59 @@ impl<T: Real> List<T> {
     fn energy(&self, law: ConstitutiveModel, u: &[V4<T>]) -> f64 {
         let batches = self.batches.iter().zip(&self.energy_mask);
         batches
-            .map(|(batch, counted)| {
-                let energy = batch.energy(law, &batch.gradient(u));
-                sum_f64(T::array(energy * T::lanes(counted)))
-            })
+            .map(|(batch, counted)| sum_f64(T::array(batch.energy(law, u) * T::lanes(counted))))
             .sum()
     }
 
     fn inverted(&self, u: &[V4<T>]) -> bool {
-        let mut batches = self.batches.iter();
-        batches.any(|batch| batch.inverted(&batch.gradient(u)))
+        self.batches.iter().any(|batch| batch.inverted(u))
     }
 
-    /// Adds the forces, and the β damping forces for the velocities `v` if `DAMPED`. `push` returns
-    /// the additional pressure in the tetrahedra of a batch, and its rate.
+    /// As [`ElementBatch::forces`]. `push` returns the additional pressure in the tetrahedra of a
+    /// batch, and its rate.
     #[inline(always)]
     fn forces<const INNER: bool, const DAMPED: bool>(
         &self,
         law: ConstitutiveModel,
-        (u, v, damping): (&[V4<T>], &[V4<T>], T),
+        at: DampedState<'_, T>,
         push: impl Fn(usize) -> [T::Lanes; 2],
         first: usize,
         f: &mut [V4<T>],
     ) -> f64 {
         let mut sum = 0.0;
         for (n, (batch, counted)) in self.batches.iter().zip(&self.energy_mask).enumerate() {
-            let g = batch.gradient(u);
-            let push = push(n);
-            let (mut stress, energy) = batch.stress(law, &g, push[0]);
-            if DAMPED {
-                let change = batch.stress_differential(law, &g, &batch.gradient(v), push);
-                for (s, c) in stress
-                    .as_flattened_mut()
-                    .iter_mut()
-                    .zip(change.as_flattened())
-                {
-                    *s = *s + damping.splat() * *c;
-                }
-            }
-            batch.scatter::<INNER>(&stress, first, f);
+            let energy = batch.forces::<INNER, DAMPED>(law, at, push(n), first, f);
             sum += sum_f64(T::array(energy * T::lanes(counted)));
         }
         sum
     }
 
     #[inline(always)]
-    fn assemble<const INNER: bool>(
+    fn assemble(
         &self,
         how: AssemblyOptions<T>,
         u: &[V4<T>],
         push: impl Fn(usize) -> [T::Lanes; 2],
         rows: &mut BlockCsr<T>,
     ) {
-        for (k, (batch, places)) in self.batches.iter().zip(&self.block_slots).enumerate() {
-            let g = batch.gradient(u);
-            let (law, scale) = ((how.law, how.projected), how.scale.splat());
-            batch.blocks(law, &g, push(k)[0], scale, |n, blocks| {
-                for (block, places) in blocks.iter().zip(places) {
-                    match INNER {
-                        true => rows.add(places[n], block),
-                        false => rows.add_placed(places[n], block),
-                    }
+        let all_slots = self.block_slots.chunks(B::PAIRS.len());
+        for (k, (batch, slots)) in self.batches.iter().zip(all_slots).enumerate() {
+            let (with, scale) = ((how.law, how.projected), how.scale.splat());
+            batch.blocks(with, u, push(k)[0], scale, |n, blocks| {
+                for (block, slot) in blocks.iter().zip(slots[n]) {
+                    rows.add_placed(slot, block);
                 }
             });
         }
     }
 }
 
-impl<T: Real> Chunk<T> {
+impl<T: Real, B: ElementBatch<T>> Chunk<T, B> {
+    /// The linear tets inside the chunk and across its border, if its elements are linear.
+    fn tets(&self) -> [&[TetBatch<T>]; 2] {
+        [&self.interior, &self.shared].map(|list| B::as_tets(&list.batches))
+    }
+
     fn assemble(&mut self, how: AssemblyOptions<T>, u: &[V4<T>]) {
         if how.damping > T::ZERO {
             for (to, from) in self.rows.values.iter_mut().zip(&self.damping) {
@@ -314,16 +292,16 @@ impl<T: Real> Chunk<T> {
         }
         let (inner, outer, rows) = (&self.interior, &self.shared, &mut self.rows);
         if let Some(volumes) = &mut self.volumes {
-            let lists = [&inner.batches[..], &outer.batches];
+            let lists = [inner, outer].map(|list| B::as_tets(&list.batches));
             {
                 let changes = volumes.changes::<false>(u, u, lists);
-                inner.assemble::<true>(how, u, |n| changes.tet_pressures(&volumes.inner, n), rows);
-                outer.assemble::<false>(how, u, |n| changes.tet_pressures(&volumes.outer, n), rows);
+                inner.assemble(how, u, |n| changes.tet_pressures(&volumes.inner, n), rows);
+                outer.assemble(how, u, |n| changes.tet_pressures(&volumes.outer, n), rows);
             }
             volumes.linearise(u, lists, how.scale, how.damping);
         } else {
-            inner.assemble::<true>(how, u, nothing, rows);
-            outer.assemble::<false>(how, u, nothing, rows);
+            inner.assemble(how, u, nothing, rows);
+            outer.assemble(how, u, nothing, rows);
         }
         self.rows.finish();
     }
@@ -332,7 +310,7 @@ impl<T: Real> Chunk<T> {
     fn forces<const DAMPED: bool>(
         &self,
         law: ConstitutiveModel,
-        with: (&[V4<T>], &[V4<T>], T),
+        with: DampedState<'_, T>,
         f: &mut [V4<T>],
     ) -> f64 {
         let (inner, outer, first) = (&self.interior, &self.shared, self.first);
@@ -340,8 +318,7 @@ impl<T: Real> Chunk<T> {
             return inner.forces::<true, DAMPED>(law, with, nothing, first, f)
                 + outer.forces::<false, DAMPED>(law, with, nothing, first, f);
         };
-        let lists = [&inner.batches[..], &outer.batches];
-        let changes = volumes.changes::<DAMPED>(with.0, with.1, lists);
+        let changes = volumes.changes::<DAMPED>(with.0, with.1, self.tets());
         let push = |n| changes.tet_pressures(&volumes.inner, n);
         let sum = inner.forces::<true, DAMPED>(law, with, push, first, f);
         let push = |n| changes.tet_pressures(&volumes.outer, n);
@@ -350,8 +327,7 @@ impl<T: Real> Chunk<T> {
 
     fn energy(&self, law: ConstitutiveModel, u: &[V4<T>]) -> f64 {
         let shared = self.volumes.as_ref().map_or(0.0, |volumes| {
-            let lists = [&self.interior.batches[..], &self.shared.batches];
-            volumes.energy(&volumes.changes::<false>(u, u, lists))
+            volumes.energy(&volumes.changes::<false>(u, u, self.tets()))
         });
         self.interior.energy(law, u) + self.shared.energy(law, u) + shared
     }
@@ -363,7 +339,7 @@ fn nothing<L: Lane>(_: usize) -> [L; 2] {
     [L::splat(0.0); 2]
 }
 
-impl<T: Real> Term<T> for ElementTerm<T> {
+impl<T: Real, B: ElementBatch<T>> Term<T> for ElementTerm<T, B> {
     fn forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         let drag = &self.chunks[chunk].mass_damping;
         let velocities = &at.v[self.chunks[chunk].first..];

@@ -1,8 +1,8 @@
 //! Tests of the finite elements against their float64 reference, and of invariants of their steps.
 #![allow(clippy::unwrap_used, clippy::needless_range_loop)]
 
-use super::batch::TetBatch;
-use super::kernels::NODE_PAIRS;
+use super::batch::{TetBatch, TetPoint};
+use super::kernels::{NODE_PAIRS, unpack_blocks};
 use super::term::ElementTerm;
 use crate::generate;
 use crate::physics::cpu::aggregation::Aggregates;
@@ -69,8 +69,10 @@ fn batch<T: Real>(four: &[(Element, [DVec3; 4])]) -> (TetBatch<T>, Vec<V4<T>>) {
     }
     let batch = TetBatch {
         nodes: std::array::from_fn(|l| std::array::from_fn(|a| (4 * l + a) as u32)),
-        gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
-        lame: lame.map(|x| T::lanes(&x)),
+        point: TetPoint {
+            gradients: gradients.map(|g| g.map(|x| T::lanes(&x))),
+            lame: lame.map(|x| T::lanes(&x)),
+        },
     };
     (batch, u)
 }
@@ -85,9 +87,9 @@ fn errors<T: Real>(law: ConstitutiveModel, spoil: impl Fn(&mut Element)) -> [f64
     for four in cases(law).chunks(4) {
         let (batch, u) = batch::<T>(four);
         let g = batch.gradient(&u);
-        let energy = T::array(batch.energy(law, &g));
+        let energy = T::array(batch.point.energy(law, &g));
         let mut forces = vec![[T::ZERO; 4]; 16];
-        let (stress, same) = batch.stress(law, &g, T::Lanes::splat(0.0));
+        let (stress, same) = batch.point.stress(law, &g, T::Lanes::splat(0.0));
         batch.scatter::<true>(&stress, 0, &mut forces);
         let mut blocks = [[[DMat3::ZERO; 6]; 4]; 2];
         for (projected, blocks) in blocks.iter_mut().enumerate() {
@@ -96,7 +98,8 @@ fn errors<T: Real>(law: ConstitutiveModel, spoil: impl Fn(&mut Element)) -> [f64
                 T::Lanes::splat(0.0),
                 T::Lanes::splat(1.0),
             );
-            batch.blocks(with, &g, none, one, |n, tets| {
+            batch.point.blocks(with, &g, none, one, |n, block| {
+                let tets = unpack_blocks::<T>(&block);
                 for (l, [x, y, z]) in tets.into_iter().enumerate() {
                     blocks[l][n] = DMat3::from_cols(vector(x), vector(y), vector(z));
                 }
@@ -332,7 +335,8 @@ fn element_term_matches_reference() {
             };
             let (u, q) = (local(&moved, units.length), local(&p, units.length));
             let layout = (&lumps.order[..], units, &plan);
-            let mut term = ElementTerm::<f64>::new((&network, elements), layout, true);
+            let mut term =
+                ElementTerm::<f64, TetBatch<f64>>::new((&network, elements), layout, true);
             let mut f = vec![[0.0; 4]; count];
             let sum = |f: &mut [V4<f64>]| -> f64 {
                 (0..chunks)

@@ -30,12 +30,12 @@ pub(in crate::physics::cpu) struct BlockCsr<T> {
 }
 
 impl<T: Real> BlockCsr<T> {
-    /// Creates the rows `nodes` of a matrix that couples the nodes of each tetrahedron.
-    pub fn new<'a>(nodes: Range<usize>, tets: impl Iterator<Item = &'a [u32; 4]>) -> BlockCsr<T> {
+    /// Creates the rows `nodes` of a matrix that couples the nodes of each element.
+    pub fn new<'a>(nodes: Range<usize>, elements: impl Iterator<Item = &'a [u32]>) -> BlockCsr<T> {
         let mut entries: Vec<(u32, u32)> = nodes.clone().map(|i| (i as u32, i as u32)).collect();
-        for tet in tets {
-            for i in tet.iter().filter(|i| nodes.contains(&(**i as usize))) {
-                entries.extend(tet.iter().map(|j| (*i, *j)));
+        for element in elements {
+            for i in element.iter().filter(|i| nodes.contains(&(**i as usize))) {
+                entries.extend(element.iter().map(|j| (*i, *j)));
             }
         }
         entries.sort_unstable();
@@ -65,11 +65,16 @@ impl<T: Real> BlockCsr<T> {
         rows
     }
 
-    /// Returns the slot of the block between nodes i < j: above the diagonal if row i is here, else
-    /// below it if row j is here, else [`NO_SLOT`].
+    /// Returns the slot to which the block K_ij is added: above the diagonal if the row of the
+    /// smaller node is here, else below it if the row of the larger one is, else [`NO_SLOT`].
     pub fn entry_slot(&self, i: u32, j: u32) -> u32 {
-        let below = || self.slot(j, i).map(|s| s | TRANSPOSED_FLAG);
-        self.slot(i, j).or_else(below).unwrap_or(NO_SLOT)
+        let above = (i.min(j), i.max(j));
+        let below = (above.1, above.0);
+        let flagged = |place: (u32, u32)| {
+            let flag = if place == (i, j) { 0 } else { TRANSPOSED_FLAG };
+            self.slot(place.0, place.1).map(|slot| slot | flag)
+        };
+        flagged(above).or_else(|| flagged(below)).unwrap_or(NO_SLOT)
     }
 
     fn slot(&self, i: u32, j: u32) -> Option<u32> {

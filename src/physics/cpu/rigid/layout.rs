@@ -162,9 +162,11 @@ fn outer_nodes(network: &DiscreteModel) -> (Vec<bool>, Vec<bool>) {
     let surface = network.rigid_bodies().iter().flat_map(|b| &b.surface);
     surface.for_each(|v| outside[*v as usize] = true);
     let mut held = vec![false; count];
-    for v in network.tets().iter().flat_map(|e| &e.nodes) {
-        held[*v as usize] = true;
-        outside[*v as usize] = true;
+    if let Some(elements) = network.elements() {
+        for v in (0..elements.tets.len()).flat_map(|t| elements.nodes_of(t)) {
+            held[v as usize] = true;
+            outside[v as usize] = true;
+        }
     }
     (outside, held)
 }

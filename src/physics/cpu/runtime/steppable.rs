@@ -3,6 +3,7 @@
 
 use super::energy_guard::StepFailure;
 use crate::physics::cpu::node_constraints::NodeConstraint;
+use crate::physics::cpu::pressure::LoadedFace;
 use crate::physics::{
     DiscreteModel, ForceBalance, Muscle, NodeTerm, SelfContactSettings, StepRecord, Tool, ToolPose,
 };
@@ -78,7 +79,7 @@ pub(in crate::physics) trait TetBody: Resumable {
     fn add_node_term(&mut self, term: Arc<dyn NodeTerm>, network: &DiscreteModel);
 
     /// Adds pressure on faces, three nodes each, with the amplitude of index `level`.
-    fn add_pressure(&mut self, faces: &[[u32; 3]], level: usize);
+    fn add_pressure(&mut self, faces: &[LoadedFace], level: usize);
 
     /// Adds a muscle of `network`, the model of this body, and its tetrahedra, with the amplitude
     /// of index `level`.

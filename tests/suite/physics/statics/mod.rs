@@ -4,6 +4,7 @@
 mod cantilever;
 mod cook;
 mod cylinder;
+mod quadratic;
 mod refusals;
 mod twist;
 
@@ -119,7 +120,8 @@ impl<'a> Setup<'a> {
     }
 }
 
-/// Constrains the nodes of a slab one cell thick to the planes of its faces: plane strain.
+/// Constrains the nodes of a slab one cell thick to the planes of its faces, and to the one halfway
+/// between, where mid-edge nodes are: plane strain.
 #[derive(Debug, Clone, Copy)]
 struct Slides {
     /// z of both faces.
@@ -147,7 +149,8 @@ impl Slides {
 
     fn off(&self, x: DVec3) -> f64 {
         let [low, high] = self.faces;
-        x.z - if x.z < 0.5 * (low + high) { low } else { high }
+        let halves = (2.0 * (x.z - low) / (high - low)).round().clamp(0.0, 2.0);
+        x.z - low - 0.5 * halves * (high - low)
     }
 }
 

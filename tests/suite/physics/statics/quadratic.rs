@@ -1,0 +1,217 @@
+//! Quadratic tets against the same references as linear ones.
+
+use super::{Setup, Slides, YOUNG, nodes, order};
+use crate::support::gpu;
+use glam::{DMat3, DVec3};
+use palpate::generate::{Split, box_mesh};
+use palpate::mesh::{ElementOrder, TET_EDGES, TetMesh};
+use palpate::physics::{DiscreteModel, Material, VolumetricFormulation};
+use std::f64::consts::FRAC_PI_2;
+
+/// Setup of a mesh with mid-edge nodes.
+fn setup(mesh: &TetMesh, poisson: f64) -> Setup<'_> {
+    let linear = Setup::new(mesh, poisson, VolumetricFormulation::PerTet);
+    Setup {
+        material: Material {
+            order: ElementOrder::Quadratic,
+            ..linear.material.clone()
+        },
+        ..linear
+    }
+}
+
+/// Returns the integrals of the shape functions times `traction` of the area vector over the flat
+/// faces of elements whose nodes `on` accepts: a third for each node in the middle of an edge.
+fn face_forces(
+    mesh: &TetMesh,
+    on: impl Fn(DVec3) -> bool,
+    traction: impl Fn(DVec3) -> DVec3,
+) -> Vec<DVec3> {
+    let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
+    for element in mesh.ten_node_tets().unwrap() {
+        let x = element.map(|v| mesh.nodes[v as usize]);
+        for opposite in 0..4 {
+            let corners: Vec<usize> = (0..4).filter(|a| *a != opposite).collect();
+            if !corners.iter().all(|a| on(x[*a])) {
+                continue;
+            }
+            let [a, b, c] = [0, 1, 2].map(|k| x[corners[k]]);
+            let area = 0.5 * (b - a).cross(c - a);
+            let area = if area.dot(x[opposite] - a) > 0.0 {
+                -area
+            } else {
+                area
+            };
+            for (edge, ends) in TET_EDGES.iter().enumerate() {
+                if !ends.contains(&opposite) {
+                    forces[element[4 + edge] as usize] += traction(area) / 3.0;
+                }
+            }
+        }
+    }
+    forces
+}
+
+/// As `cook::rise`.
+fn rise(n: usize, poisson: f64) -> f64 {
+    let thickness = 48.0 / n as f64;
+    let mut mesh = box_mesh([n, n, 1], DVec3::new(1.0, 1.0, thickness), Split::Six).unwrap();
+    for p in &mut mesh.nodes {
+        *p = DVec3::new(48.0 * p.x, 44.0 * p.x + p.y * (44.0 - 28.0 * p.x), p.z);
+    }
+    let mesh = mesh.with_mid_edge_nodes().unwrap();
+    let load = 1e-5 * YOUNG * thickness;
+    let right = |p: DVec3| p.x > 48.0 - 1e-9;
+    let shear = |area: DVec3| load / (16.0 * thickness) * area.length() * DVec3::Y;
+    let forces = face_forces(&mesh, right, shear);
+    let rest = Setup {
+        pinned: nodes(&mesh, |p| p.x < 1e-9),
+        forces: forces.clone(),
+        slides: Some(Slides::of(thickness)),
+        ..setup(&mesh, poisson)
+    }
+    .rest();
+    let total: f64 = forces.iter().map(|f| f.y).sum();
+    assert!((total / load - 1.0).abs() < 1e-12);
+    let work: f64 = (0..forces.len())
+        .map(|i| forces[i].dot(rest.moved(i)))
+        .sum();
+    work / load * YOUNG * thickness / load
+}
+
+/// Quadratic tets of scikit-fem on increasingly fine meshes, extrapolated (docs/tissue.md).
+const COOK: [(f64, f64); 3] = [(0.3, 22.01), (0.45, 19.64), (0.49, 18.79)];
+
+#[test]
+fn quadratic_tets_do_not_lock_in_cooks_membrane() {
+    for (poisson, truth) in [COOK[0], COOK[2]] {
+        let found = rise(8, poisson) / truth - 1.0;
+        println!("ν = {poisson}: {found:+.4}");
+        assert!(found < 0.0 && found > -0.025, "{found}");
+    }
+}
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn quadratic_cook_converges() {
+    for (poisson, truth) in COOK {
+        let found = [4, 8, 16, 32].map(|n| rise(n, poisson));
+        let errors = found.map(|rise| 100.0 * (rise / truth - 1.0));
+        println!("ν = {poisson}: {found:.3?}, {errors:+.3?} %");
+        assert!(errors[3].abs() < 0.5, "{errors:?}");
+    }
+}
+
+/// Rotation by a quarter turn: as `twist::energy`.
+fn twisted_energy(n: usize, poisson: f64) -> f64 {
+    let size = DVec3::new(0.2, 0.2, 0.6);
+    let mesh = box_mesh([n, n, 3 * n], size, Split::Six).unwrap();
+    let mesh = mesh.with_mid_edge_nodes().unwrap();
+    let middle = 0.5 * DVec3::new(size.x, size.y, 0.0);
+    let turned = mesh
+        .nodes
+        .iter()
+        .map(|p| middle + DMat3::from_rotation_z(FRAC_PI_2 * p.z / size.z) * (*p - middle));
+    let rest = Setup {
+        pinned: nodes(&mesh, |p| p.z < 1e-9 || p.z > size.z - 1e-9),
+        start: Some(turned.collect()),
+        ..setup(&mesh, poisson)
+    }
+    .rest();
+    rest.energy() / (YOUNG * size.element_product())
+}
+
+#[test]
+fn quadratic_twisted_beam_matches_reference() {
+    for (poisson, truth) in [(0.3, 7.50e-3), (0.49, 6.60e-3)] {
+        let excess = twisted_energy(2, poisson) / truth - 1.0;
+        println!("ν = {poisson}: {excess:+.4} excess energy");
+        assert!(excess > 0.0 && excess < 0.06, "{excess}");
+    }
+}
+
+#[test]
+#[ignore = "long: scripts/test --full"]
+fn quadratic_twisted_beam_converges() {
+    for (poisson, truth) in [(0.3, 7.50e-3), (0.49, 6.60e-3)] {
+        let found = [1, 2, 4].map(|n| twisted_energy(n, poisson));
+        let (order, limit) = order(found);
+        println!(
+            "ν = {poisson}: {found:.6?}, order {order:.2}, limit {limit:.6}, reference {truth}"
+        );
+        assert!((limit / truth - 1.0).abs() < 0.01, "{limit}");
+    }
+}
+
+/// A mesh without mid-edge nodes, the GPU and averaged volumes are refused in words.
+#[test]
+fn unsupported_quadratic_bodies_are_refused() {
+    use palpate::physics::{Engine, EngineChoice, SolverKind};
+    let mesh = box_mesh([2, 1, 1], DVec3::new(0.2, 0.1, 0.1), Split::Six).unwrap();
+    let material = setup(&mesh, 0.3).material;
+    let linear = DiscreteModel::new(&mesh, &material).unwrap_err();
+    assert!(
+        linear.to_string().contains("with_mid_edge_nodes"),
+        "{linear}"
+    );
+    let mesh = mesh.with_mid_edge_nodes().unwrap();
+    let kind = SolverKind::Implicit;
+    let on = |engine: EngineChoice| engine.build_tets(&gpu(), mesh.clone(), &material, kind);
+    let refused = on(EngineChoice::Exactly(Engine::Gpu))
+        .map(|_| ())
+        .unwrap_err();
+    assert!(refused.to_string().contains("--engine cpu"), "{refused}");
+    assert_eq!(on(EngineChoice::Auto).unwrap().engine(), Engine::Cpu);
+    let averaged = Material {
+        volume: VolumetricFormulation::NodalAveraged,
+        ..material.clone()
+    };
+    let refused = DiscreteModel::new(&mesh, &averaged).unwrap_err();
+    assert!(refused.to_string().contains("order 1"), "{refused}");
+}
+
+/// A body of order 2 that was cut between its elements equals the one made of the cut mesh.
+#[test]
+fn quadratic_body_is_cut_between_its_elements() {
+    use palpate::mesh::{Blade, Topology, components};
+    use palpate::physics::{CgSettings, CpuTets, Precision, Simulator, SolverKind};
+    let mesh = box_mesh([6, 2, 2], DVec3::new(0.6, 0.2, 0.2), Split::Six).unwrap();
+    let mesh = mesh.with_mid_edge_nodes().unwrap();
+    let material = setup(&mesh, 0.3).material;
+    let (kind, settings) = (SolverKind::Implicit, CgSettings::default());
+    let made = CpuTets::new(
+        &gpu(),
+        mesh.clone(),
+        &material,
+        kind,
+        settings,
+        Precision::Double,
+    );
+    let mut body = made.unwrap();
+    let corner = |y: f64, z: f64| DVec3::new(0.27, y, z);
+    let blade = Blade::from_quad([
+        corner(-0.1, -0.1),
+        corner(0.3, -0.1),
+        corner(0.3, 0.3),
+        corner(-0.1, 0.3),
+    ]);
+    let change = body.cut(&blade.unwrap()).unwrap();
+    assert!(!change.mesh.duplicated_nodes.is_empty());
+    let cut = body.mesh().clone();
+    assert_eq!(cut.ten_node_tets().unwrap().len(), mesh.tets.len() / 8);
+    let topology = Topology::new(&cut);
+    assert_eq!(components(&topology).1, 2);
+    let anew = DiscreteModel::new(&cut, &material).unwrap();
+    let bent: Vec<DVec3> = anew
+        .rest_positions
+        .iter()
+        .map(|x| *x + 0.1 * DVec3::new(x.y, x.x * x.z, x.x * x.x))
+        .collect();
+    let model = body.model().unwrap();
+    let [of_cut, of_new] = [model, &anew].map(|m| m.elements().unwrap().energy(&bent));
+    assert!((of_cut / of_new - 1.0).abs() < 1e-12);
+    let total: f64 = model.masses.iter().sum();
+    assert!((total / anew.masses.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    assert_eq!(topology.boundary.len(), body.topology().boundary.len());
+    body.run(5, 0.01).unwrap();
+}
