@@ -9,8 +9,8 @@ use crate::skin::Mapping;
 use serde::Deserialize;
 use std::path::PathBuf;
 
-/// A force on a region: an even traction on the boundary faces of the body whose nodes are in it,
-/// or, if there are none, the same force on each node.
+/// A force on a region: an even traction on the boundary faces of the body whose nodes are in it; if
+/// there are none, on the edges of the boundary in it, or else the same force on each node.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceEntry {
