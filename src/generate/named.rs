@@ -76,7 +76,7 @@ pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
 ///
 /// # Errors
 /// As [`by_name`], and an error for a lump that does not fit into the organ.
-pub fn with_lump(name: &str, tets: Option<usize>, lump: Option<Lump>) -> Result<TetMesh> {
+pub(crate) fn with_lump(name: &str, tets: Option<usize>, lump: Option<Lump>) -> Result<TetMesh> {
     by_name_with_progress(name, tets, lump, &no_progress)
 }
 

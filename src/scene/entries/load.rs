@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// A force distributed over the nodes of a region.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ForceEntry {
+pub(crate) struct ForceEntry {
     /// The nodes.
     pub on: Region,
     /// Resultant force, N.
@@ -30,7 +30,7 @@ pub struct ForceEntry {
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FloorEntry {
+pub(crate) struct FloorEntry {
     /// A point on the plane.
     pub point: [f64; 3],
     /// Outward normal; default +z.
@@ -52,7 +52,7 @@ pub struct FloorEntry {
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct GrabEntry {
+pub(crate) struct GrabEntry {
     /// Name in reaction files; default `grab1`, `grab2` …
     pub name: Option<String>,
     /// Centre of the grabbed sphere.
@@ -79,7 +79,7 @@ pub struct GrabEntry {
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CutEntry {
+pub(crate) struct CutEntry {
     /// End points of the blade's edge.
     pub edge: [[f64; 3]; 2],
     /// Times and displacements of the edge, interpolated linearly; at least two.
