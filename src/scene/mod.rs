@@ -287,7 +287,7 @@ impl Scene {
         }
         for scan in &mut scene.scan {
             scan.file = folder.join(&scan.file);
-            if let Some(json) = scan.transfer.as_mut().filter(|t| t.ends_with(".json")) {
+            if let Some(json) = scan.transfer_file() {
                 *json = folder.join(&json).to_string_lossy().into_owned();
             }
         }

@@ -229,3 +229,35 @@ fn region_bounds_use_mesh_unit() {
             .contains("z_below")
     );
 }
+
+#[test]
+fn scene_hash_covers_scan_files_and_not_their_folders() {
+    let root = tempfile::tempdir().unwrap();
+    let write = |folder: &str, name: &str, text: &str| {
+        let folder = root.path().join(folder);
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join(name), text).unwrap();
+        folder
+    };
+    let hash = |folder: &std::path::Path, scan: &str| {
+        let text = format!("[scan]\nfile = \"{scan}\"\ntransfer = \"t.json\"\n");
+        super::scene_hash(&Scene::parse_in(&text, folder).unwrap())
+    };
+    let one = write("one", "a.nrrd", "scan");
+    let two = write("two", "a.nrrd", "scan");
+    write("one", "t.json", "transfer");
+    write("two", "t.json", "transfer");
+    assert_eq!(hash(&one, "a.nrrd"), hash(&two, "a.nrrd"));
+    write("two", "a.nrrd", "other scan");
+    assert_ne!(hash(&one, "a.nrrd"), hash(&two, "a.nrrd"));
+    write("two", "a.nrrd", "scan");
+    write("two", "t.json", "other transfer");
+    assert_ne!(hash(&one, "a.nrrd"), hash(&two, "a.nrrd"));
+    // A folder of slices.
+    write("one/slices", "1.dcm", "slice");
+    write("two/slices", "1.dcm", "slice");
+    write("two", "t.json", "transfer");
+    assert_eq!(hash(&one, "slices"), hash(&two, "slices"));
+    write("two/slices", "1.dcm", "other slice");
+    assert_ne!(hash(&one, "slices"), hash(&two, "slices"));
+}
