@@ -32,7 +32,7 @@ pub use bodies::MultiBody;
 pub(crate) use contact::pseudo_random_points;
 pub use contact::{DistanceField, SelfContactSettings, Shape, Tool, ToolId, ToolPose};
 pub use cpu::{CpuGrid, CpuTets, Precision};
-pub(crate) use cpu::{CpuGridState, CpuState};
+pub(crate) use cpu::{CpuGridState, CpuState, outer};
 pub use engine_choice::EngineChoice;
 pub use fields::BodyField;
 pub use gpu::body::GpuBody;

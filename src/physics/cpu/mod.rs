@@ -44,3 +44,4 @@ pub use body::tets::CpuTets;
 pub use grid::simulator::CpuGrid;
 pub(crate) use grid::simulator::CpuGridState;
 pub use runtime::steppable::Precision;
+pub(crate) use vectors::outer;
