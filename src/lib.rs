@@ -21,6 +21,7 @@ pub mod meshing;
 pub mod number_format;
 pub(crate) mod parallel;
 pub mod physics;
+pub mod prelude;
 pub mod press;
 mod progress;
 pub mod render;

@@ -26,7 +26,7 @@ mod volume_flag;
 mod warp;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use palpate::gpu::ADAPTER_VARIABLE;
+use palpate::gpu::Gpu;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -37,7 +37,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[command(version, about, propagate_version = true)]
 struct Arguments {
     /// Select the graphics adapter: part of its name, its index in `palpate adapters`, or cpu
-    #[arg(long, global = true, env = ADAPTER_VARIABLE)]
+    #[arg(long, global = true, env = Gpu::ADAPTER_VARIABLE)]
     adapter: Option<String>,
     /// Print only errors on standard error: no progress, no notes
     #[arg(long, short, global = true)]

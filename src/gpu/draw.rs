@@ -145,7 +145,7 @@ impl<'a> DrawBuilder<'a> {
                 entries,
             })
         })?;
-        let source = super::compose(name)?;
+        let source = super::Shaders::compose(name)?;
         let compilation_options = wgpu::PipelineCompilationOptions {
             constants: &self.constants,
             ..Default::default()

@@ -203,7 +203,7 @@ fn compute_pipeline(
     layout: &wgpu::BindGroupLayout,
     constants: &[(&str, f64)],
 ) -> Result<wgpu::ComputePipeline> {
-    let source = super::compose(name)?;
+    let source = super::Shaders::compose(name)?;
     gpu.create(name, |device| {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(name),

@@ -30,7 +30,7 @@ use crate::Result;
 use std::path::Path;
 
 /// A study: measures, draws charts and reports; optionally on the user's scene.
-pub type Study = fn(&Run, Option<&Path>) -> Result<()>;
+pub(crate) type Study = fn(&Run, Option<&Path>) -> Result<()>;
 
 /// The studies: command-line name, one-line description, function.
 pub const STUDIES: &[(&str, &str, Study)] = &[

@@ -7,8 +7,9 @@ use crate::gpu::Gpu;
 use crate::mesh::{Blade, Location, TetMesh, Topology};
 use crate::parallel;
 use crate::physics::{ClampedEnd, Engine, EngineChoice, GpuBody, Material, SolverKind};
-use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};
-use crate::render::{ReferenceRaycaster, TableKind, segment_integral, tet_gradient, tet_planes};
+use crate::render::{
+    Camera, Geometry, RaycastOptions, Raycaster, ReferenceRaycaster, TableKind, TransferFunction,
+};
 use crate::scene::median_ms;
 use crate::study::Cell;
 use crate::study::pictures::frame_ms;
@@ -153,7 +154,10 @@ impl Cube {
                 .map(|(t, nodes)| {
                     let corners = self.mesh.tet_nodes(t);
                     let scalars = nodes.map(|v| self.scalars[v as usize]);
-                    (tet_planes(corners), tet_gradient(corners, scalars))
+                    (
+                        Geometry::reference_tet_planes(corners),
+                        Geometry::reference_tet_gradient(corners, scalars),
+                    )
                 })
                 .collect();
             black_box(made);
@@ -239,7 +243,7 @@ impl Cube {
             let made = parallel::map_coarse(slices as usize * texels, |i| {
                 let [x, y] = [i % side, i / side % side].map(|k| k as f64 / side as f64);
                 let depth = f64::from(2.0f32).powi((i / texels / 4) as i32 - 5);
-                segment_integral(&transfer, x, y, depth / transfer.max_extinction())
+                transfer.segment_integral(x, y, depth / transfer.max_extinction())
             });
             black_box(made);
             Ok(())
