@@ -32,6 +32,7 @@ mod skin;
 mod study;
 mod support;
 mod tint;
+mod translations;
 mod tune;
 mod unprepared;
 mod warp;
