@@ -14,6 +14,7 @@ mod mesh;
 mod mesher;
 mod meshing;
 mod physics;
+mod pipelines;
 mod press;
 mod render;
 mod scene_bodies;
