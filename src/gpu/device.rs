@@ -141,6 +141,16 @@ impl Gpu {
         }
     }
 
+    /// Returns the same device with the settings of another kind of adapter: workgroup sizes, mesh
+    /// access, and the engine `auto`. Its caches and counters are its own.
+    pub fn with_settings_of(&self, kind: wgpu::DeviceType) -> Gpu {
+        let info = wgpu::AdapterInfo {
+            device_type: kind,
+            ..self.adapter().clone()
+        };
+        Gpu::from_parts(info, self.device().clone(), self.queue().clone())
+    }
+
     /// Returns the device.
     pub fn device(&self) -> &wgpu::Device {
         &self.inner.device
