@@ -1,6 +1,6 @@
 //! Pictures a second of skins: section 3.4 of Mosegaard & Sørensen (2005).
 
-use super::{Case, Context, Row, Timing};
+use super::{Case, Context, Row};
 use crate::Result;
 use crate::gpu::Gpu;
 use crate::mesh::{LocalFrame, TriMesh};
@@ -10,6 +10,8 @@ use crate::physics::{GridBody, Material};
 use crate::render::{Camera, SurfaceTarget, local_positions};
 use crate::skin::{Mapping, Skin, SkinBase};
 use glam::{DMat3, DVec3};
+use std::cell::RefCell;
+use std::rc::Rc;
 
 pub(super) const ABOUT: &str = "Pictures of 512 × 512 pixels of a detailed surface on a grid \
     body, or on nodes placed by hand: alone, with culling, and with the steps of the body before \
@@ -64,6 +66,8 @@ pub(super) fn cases(quick: bool) -> Vec<Case> {
     let subjects = if quick { &SUBJECTS[..1] } else { &SUBJECTS[..] };
     let mut all = Vec::new();
     for &subject in subjects {
+        // Built once for all rows of the subject, which takes longest.
+        let built = Rc::new(RefCell::new(None));
         for mapping in [Mapping::OneToOne, Mapping::Constant, Mapping::Interpolated] {
             for kind in [Kind::Alone, Kind::Culled, Kind::WithSteps] {
                 if kind == Kind::WithSteps && subject.particles.is_none()
@@ -71,14 +75,17 @@ pub(super) fn cases(quick: bool) -> Vec<Case> {
                 {
                     continue;
                 }
-                all.push(case(subject, mapping, kind));
+                all.push(case(subject, Rc::clone(&built), mapping, kind));
             }
         }
     }
     all
 }
 
-fn case(subject: Subject, mapping: Mapping, kind: Kind) -> Case {
+/// A surface, its base, and the body if there is one.
+type Built = (TriMesh, SkinBase, Option<GridBody>);
+
+fn case(subject: Subject, built: Rc<RefCell<Option<Built>>>, mapping: Mapping, kind: Kind) -> Case {
     let what = match kind {
         Kind::Alone => mapping.to_string(),
         Kind::Culled => format!("{mapping}, culled"),
@@ -95,7 +102,12 @@ fn case(subject: Subject, mapping: Mapping, kind: Kind) -> Case {
         .size(faces as usize, "faces")
         .paper(paper.filter(|_| subject.heart));
     Case::new(row, move |context, row| {
-        measure(context, row, subject, mapping, kind)
+        let mut kept = built.borrow_mut();
+        let made = match kept.take() {
+            Some(made) => made,
+            None => subject.build(context.gpu)?,
+        };
+        measure(context, row, kept.insert(made), mapping, kind)
     })
 }
 
@@ -135,7 +147,7 @@ pub(super) fn ball(rings: u32, around: u32, r: f64, hills: f64) -> TriMesh {
 
 impl Subject {
     /// Returns the surface and its base, with the body if there is one.
-    fn build(&self, gpu: &Gpu) -> Result<(TriMesh, SkinBase, Option<GridBody>)> {
+    fn build(&self, gpu: &Gpu) -> Result<Built> {
         let Some(particles) = self.particles else {
             let nodes = ball(5, 4, 1.0, 0.0);
             let (low, high) = crate::mesh::bounds(&nodes.vertices);
@@ -157,16 +169,15 @@ impl Subject {
 fn measure(
     context: &Context,
     row: Row,
-    subject: Subject,
+    (surface, base, body): &mut Built,
     mapping: Mapping,
     kind: Kind,
 ) -> Result<Row> {
     let gpu = context.gpu;
-    let (surface, base, mut body) = subject.build(gpu)?;
     let (low, high) = crate::mesh::bounds(&surface.vertices);
     let (middle, size) = (0.5 * (low + high), (high - low).length());
     let camera = Camera::perspective(middle - 1.6 * size * DVec3::Y, middle, DVec3::Z, 35.0);
-    let mut skin = Skin::new(gpu, &surface, &base, mapping)?;
+    let mut skin = Skin::new(gpu, surface, base, mapping)?;
     let view = |format| {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT;
         gpu.target("measured picture", [PIXELS; 2], format, usage)
@@ -174,7 +185,7 @@ fn measure(
     let colour = view(wgpu::TextureFormat::Rgba8Unorm)?;
     let depth = view(wgpu::TextureFormat::Depth32Float)?;
     skin.set_culling(kind == Kind::Culled);
-    let spread = Timing::measure(&context.timing(), || {
+    let spread = context.timing().measure(|| {
         if let Some(body) = body.as_mut().filter(|_| kind == Kind::WithSteps) {
             let dt = 0.5 * body.model().conservative_step();
             body.run(STEPS, dt)?;
@@ -189,7 +200,7 @@ fn measure(
         work.submit()?;
         gpu.wait()
     })?;
-    let carrier = match &body {
+    let carrier = match body {
         Some(body) => format!("{} particles", body.model().shape.count()),
         None => "18 nodes placed by hand".into(),
     };
