@@ -9,6 +9,8 @@
 //! refresh of normals and gradients → raycast → image. `ARCHITECTURE.md` gives an overview.
 
 pub mod annotate;
+#[cfg(feature = "study")]
+pub mod bench;
 pub mod cage;
 pub mod error;
 mod files;

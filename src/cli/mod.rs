@@ -2,6 +2,8 @@
 
 mod adapters;
 mod bake;
+#[cfg(feature = "study")]
+mod bench;
 mod compare;
 mod convert;
 mod demo;
@@ -69,6 +71,9 @@ enum Command {
     #[cfg(feature = "study")]
     /// Measure accuracy against speed, stability, and cost against size, with charts
     Study(study::StudyArguments),
+    #[cfg(feature = "study")]
+    /// Compare this machine's pictures and motions with golden ones, and measure its speed
+    Bench(bench::BenchArguments),
     /// Find the cheapest settings of a scene that meet a target accuracy on this machine
     Tune(tune::TuneArguments),
     /// Open the interactive viewer
@@ -151,6 +156,8 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Demo(arguments) => demo::run(&driver::gpu(adapter)?, arguments),
         #[cfg(feature = "study")]
         Command::Study(arguments) => study::run(&driver::gpu(adapter)?, arguments),
+        #[cfg(feature = "study")]
+        Command::Bench(arguments) => bench::run(adapter, arguments),
         Command::Tune(arguments) => tune::run(&driver::gpu(adapter)?, arguments),
         Command::View(arguments) => view::run(arguments),
         Command::Warp(arguments) => warp::run(adapter, arguments),

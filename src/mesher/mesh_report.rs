@@ -130,8 +130,8 @@ impl MeshReport {
     }
 }
 
-/// Returns the peak memory of the process, if /proc reports it.
-fn peak_memory() -> Option<u64> {
+/// Returns the peak memory of the process, in bytes, if /proc reports it.
+pub(crate) fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     let kilobytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;

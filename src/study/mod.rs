@@ -13,13 +13,14 @@ mod motion;
 mod pictures;
 pub mod reference_motion;
 mod run;
-mod scaling;
-mod scan;
+pub(crate) mod scaling;
+pub(crate) mod scan;
 mod stability;
 mod state_map;
 pub mod static_equilibrium;
 
 pub use axis::Axis;
+pub use bodies::hold_one_end;
 pub use chart::{Chart, Series, SeriesStyle};
 pub use csv_table::{Cell, Row};
 pub use run::Run;

@@ -6,13 +6,13 @@ use crate::generate;
 use crate::gpu::Gpu;
 use crate::mesh::{Blade, Location, TetMesh, Topology};
 use crate::parallel;
-use crate::physics::{ClampedEnd, Engine, EngineChoice, GpuBody, Material, SolverKind};
+use crate::physics::{Engine, EngineChoice, GpuBody, Material, SolverKind};
 use crate::render::{
     Camera, Geometry, RaycastOptions, Raycaster, ReferenceRaycaster, TableKind, TransferFunction,
 };
 use crate::scene::median_ms;
-use crate::study::Cell;
 use crate::study::pictures::frame_ms;
+use crate::study::{Cell, hold_one_end};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::hint::black_box;
@@ -123,10 +123,7 @@ impl Cube {
         let engine = if on == GPU { Engine::Gpu } else { Engine::Cpu };
         let choice = EngineChoice::Exactly(engine);
         let mut body = choice.build_tets(gpu, self.mesh.clone(), &Material::soft_tissue(), kind)?;
-        let (rest, edges) = (&body.mesh().nodes, body.edge_nodes().into_iter());
-        let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), edges, DVec3::NEG_Z);
-        body.pin_nodes(&end.nodes)?;
-        body.loads_mut().set_gravity(9.81 * end.load_direction());
+        hold_one_end(body.as_mut())?;
         let limit = body.largest_stable_step();
         let dt = limit.map_or(IMPLICIT_STEP, |limit| 0.5 * limit);
         let ms = median_ms(repeats, || body.run(1, dt).map(drop))?;
