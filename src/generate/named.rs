@@ -5,7 +5,7 @@ use super::liver::Liver;
 use super::lump::organ;
 use super::{
     Bore, Lump, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, biceps, box_mesh, duct,
-    foot, limb, liver,
+    foot, limb,
 };
 use crate::mesh::TetMesh;
 use crate::{Error, ProgressFn, Result, no_progress};

@@ -58,7 +58,7 @@ pub use quality::{QualityReport, TetQuality, WorstTet};
 pub use repair::RepairReport;
 pub(crate) use sorted_list::replace_sorted;
 pub use surface_report::SurfaceDescription;
-pub(crate) use topology::TET_EDGES;
+pub use topology::TET_EDGES;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, Topology};
 pub use transfer::BarycentricMap;
 pub use tri_mesh::TriMesh;

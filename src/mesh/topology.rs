@@ -8,7 +8,7 @@ use super::group_by::map_groups;
 pub const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// The local corners at the two ends of each of a tet's six edges.
-pub(crate) const TET_EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+pub const TET_EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
 /// Marks a boundary face in the list of neighbours.
 pub const NO_NEIGHBOUR: u32 = u32::MAX;

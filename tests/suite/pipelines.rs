@@ -3,7 +3,7 @@
 use crate::support::gpu;
 use base64::Engine as _;
 use palpate::Error;
-use palpate::gpu::{Gpu, PipelineDescription, compose, parse};
+use palpate::gpu::{Gpu, PipelineDescription, Shaders};
 use palpate::physics::{Engine, EngineChoice, SolverKind};
 use palpate::scene::{MeshSource, Scene, Stage};
 use serde_json::{Value, json};
@@ -142,10 +142,15 @@ fn coarsen(mesh: &mut MeshSource) {
 /// Returns a pipeline with the SPIR-V of its stages, in base64, and the kinds of its bindings.
 fn exported(pipeline: &PipelineDescription) -> Value {
     let name = &pipeline.shader;
-    let module = parse(name).unwrap();
+    let module = Shaders::parse(name).unwrap();
     let info = Validator::new(ValidationFlags::all(), Capabilities::default())
         .validate(&module)
-        .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&compose(name).unwrap())));
+        .unwrap_or_else(|e| {
+            panic!(
+                "{name}: {}",
+                e.emit_to_string(&Shaders::compose(name).unwrap())
+            )
+        });
     let used = |stage| match stage {
         ShaderStage::Compute => pipeline.targets.is_empty() && pipeline.depth.is_none(),
         _ => true,

@@ -1,7 +1,7 @@
 //! Translates every composed shader as wgpu does on macOS and Windows, with the translators that run
 //! there. Browsers and Vulkan are tested with their own compilers: `tint.rs`, and all other tests.
 
-use palpate::gpu::{compose, parse, shader_names};
+use palpate::gpu::Shaders;
 use wgpu::naga::back::pipeline_constants::process_overrides;
 use wgpu::naga::back::{PipelineConstants, hlsl, msl};
 use wgpu::naga::front::wgsl;
@@ -15,9 +15,9 @@ const METAL: (u8, u8) = (2, 1);
 #[test]
 fn composed_shaders_translate_to_metal_and_hlsl() {
     let mut wrong = Vec::new();
-    for name in shader_names() {
-        let module = parse(&name).unwrap();
-        for stage in Stage::all(&module, &compose(&name).unwrap()) {
+    for name in Shaders::names() {
+        let module = Shaders::parse(&name).unwrap();
+        for stage in Stage::all(&module, &Shaders::compose(&name).unwrap()) {
             let results = [
                 ("Metal", stage.to_metal(METAL)),
                 // The compiler of Windows itself, and the one that programs may bring.
@@ -38,7 +38,10 @@ fn composed_shaders_translate_to_metal_and_hlsl() {
 #[test]
 fn features_that_a_language_lacks_are_translation_errors() {
     let name = "render/start stored";
-    let stages = Stage::all(&parse(name).unwrap(), &compose(name).unwrap());
+    let stages = Stage::all(
+        &Shaders::parse(name).unwrap(),
+        &Shaders::compose(name).unwrap(),
+    );
     let vertex = stages.iter().find(|s| s.entry == "vertex").unwrap();
     vertex.to_metal(METAL).unwrap();
     let error = vertex.to_metal((2, 0)).unwrap_err();

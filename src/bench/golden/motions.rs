@@ -4,14 +4,13 @@ use crate::bench::skins::ball;
 use crate::bench::{Case, Context, Row, grids, hold_one_end, tools};
 use crate::generate;
 use crate::mesh::{LocalFrame, unpack_normal};
-use crate::physics::reference::integrators;
+use crate::physics::reference::integrators::ReferenceIntegrator;
 use crate::physics::reference::springs::ReferenceSprings;
 use crate::physics::{
     CgSettings, CpuTets, Damping, DiscreteModel, GpuBody, GpuTets, GridBody, Material,
     MaterialModel, Precision, Simulator, SolverKind,
 };
 use crate::render::local_positions;
-use crate::skin::basis::skin_vertex;
 use crate::skin::{Mapping, Skin, SkinBase};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -103,16 +102,9 @@ fn springs(context: &Context, row: Row, kind: SolverKind) -> Result<Row> {
     kind.solver(context.gpu, &body)?
         .run(&mut body, SPRING_STEPS, h)?;
     let start = truth.x.clone();
-    let mut verlet = integrators::Verlet::default();
-    let mut velocity_verlet = integrators::VelocityVerlet::default();
+    let mut reference = ReferenceIntegrator::new(kind, 1e-10);
     for _ in 0..SPRING_STEPS {
-        match kind {
-            SolverKind::Explicit => integrators::explicit_euler(&mut truth, h),
-            SolverKind::Symplectic => integrators::symplectic_euler(&mut truth, h),
-            SolverKind::Verlet => verlet.step(&mut truth, h),
-            SolverKind::VelocityVerlet => velocity_verlet.step(&mut truth, h),
-            _ => drop(integrators::implicit_euler(&mut truth, h, 1e-10)),
-        }
+        reference.step(&mut truth, h)?;
     }
     let model = &truth.network;
     let found = body.positions()?.into_iter().map(|x| model.to_metres(x));
@@ -241,7 +233,7 @@ fn skin(context: &Context, row: Row, mapping: Mapping) -> Result<Row> {
     }
     let mut worst = [0.0, 0.0];
     for (found, bound) in placed.iter().zip(skin.bound()) {
-        let truth = skin_vertex(bound, &local, &normals);
+        let truth = bound.skin(&local, &normals);
         let position = (found.position - frame.origin) / frame.scale;
         let pairs = [(position, truth.position), (found.normal, truth.normal)];
         for (worst, (a, b)) in worst.iter_mut().zip(pairs) {

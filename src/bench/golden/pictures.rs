@@ -9,7 +9,7 @@ use crate::mesh::{LocalFrame, Location, TetMesh, Topology};
 use crate::render::{
     Camera, Geometry, Image, ImageDifference, Light, Mode, RaycastOptions, Raycaster,
     ReferenceRaycaster, Shading, Surface, SurfaceColour, TableKind, TransferFunction, Traversal,
-    local_positions, node_gradients, shade,
+    local_positions,
 };
 use crate::study::scan::{BALL, ScanRepresentation, Subject};
 use crate::{Error, Result};
@@ -240,7 +240,7 @@ fn lit_duct(context: &Context, row: Row) -> Result<Row> {
     let to_local = |p: &DVec3| (*p - frame.origin) / frame.scale;
     let local: Vec<DVec3> = positions.iter().map(to_local).collect();
     let shares: Vec<f64> = scalars.iter().map(|s| (s - low) / (high - low)).collect();
-    let gradients = node_gradients(&mesh, &topology, &local, &shares, None);
+    let gradients = Geometry::reference_node_gradients(&mesh, &topology, &local, &shares, None);
     let exact = ReferenceRaycaster::new(&mesh, &positions, &scalars);
     let transfer = caster.transfer();
     let pixels = exact.render(&camera, SIZE, |rays, ray| {
@@ -248,7 +248,7 @@ fn lit_duct(context: &Context, row: Row) -> Result<Row> {
             let weights = rays.barycentric_weights(tet, p);
             let parts = mesh.tets[tet as usize].iter().zip(weights);
             let gradient = parts.map(|(v, w)| w * gradients[*v as usize]).sum();
-            shade(Light::Head, gradient, way)
+            Light::Head.shade(gradient, way)
         })
     });
     with_exact(row, &image, &pixels, OF_LIT)

@@ -71,7 +71,7 @@ pub struct MeshSource {
     pub split_gap: Option<f64>,
     /// Other meshes of the same body, such as the second of two parts in contact.
     #[serde(default)]
-    pub(crate) join: Vec<JoinEntry>,
+    pub join: Vec<JoinEntry>,
     /// Length unit of the mesh: `m`, `cm`, `mm`, `um`, or metres as a number. Defaults to the unit
     /// in the mesh file, or else `m`.
     #[serde(default, deserialize_with = "keywords::unit")]
@@ -97,7 +97,7 @@ pub struct MeshSource {
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct JoinEntry {
+pub struct JoinEntry {
     /// Prefix of its region names; default `mesh2`, `mesh3` …
     pub name: Option<String>,
     /// A mesh file, in the folder of the scene file unless absolute.

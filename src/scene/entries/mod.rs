@@ -11,8 +11,8 @@ mod scan;
 mod tool;
 
 pub(crate) use acting::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, TimeSeries};
-pub use body::{BodyEntry, MeshSource, Unit};
-pub(crate) use body::{GridEntry, JoinEntry, LabelsEntry, Lengths};
+pub use body::{BodyEntry, JoinEntry, MeshSource, Unit};
+pub(crate) use body::{GridEntry, LabelsEntry, Lengths};
 pub use inside::{IsosurfaceEntry, PlaneEntry};
 pub(crate) use joint::JointEntry;
 pub use load::SkinEntry;
