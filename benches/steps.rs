@@ -14,14 +14,15 @@
 //! digits: root mean square over the masses and the steps, relative to the displacement.
 
 use glam::DVec3;
+use palpate::bench::{Timing, hold_one_end};
 use palpate::generate;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location, TetMesh};
 use palpate::physics::{
-    CgSettings, ClampedEnd, CpuTets, Engine, EngineChoice, Material, MaterialModel, Precision,
-    RegionMaterial, Simulator, SolverKind, Stiffness, VolumetricFormulation,
+    CgSettings, CpuTets, Engine, EngineChoice, Material, MaterialModel, Precision, RegionMaterial,
+    Simulator, SolverKind, Stiffness, VolumetricFormulation,
 };
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 fn main() -> palpate::Result<()> {
     let mut bodies = Vec::new();
@@ -77,7 +78,7 @@ fn main() -> palpate::Result<()> {
                     continue;
                 }
                 let mut body = choice.build_tets(&gpu, mesh.clone(), &material, kind)?;
-                hold(body.as_mut())?;
+                hold_one_end(body.as_mut())?;
                 // Explicit Euler, never stable, runs a few steps before it diverges.
                 let h = match body.largest_stable_step() {
                     None => dt,
@@ -92,7 +93,7 @@ fn main() -> palpate::Result<()> {
                         let (mesh, made) = (mesh.clone(), &material);
                         let mut truth =
                             CpuTets::new(&gpu, mesh, made, kind, tight, Precision::Double)?;
-                        hold(&mut truth)?;
+                        hold_one_end(&mut truth)?;
                         format!("{:.1e}", error(body.as_mut(), &mut truth, h)?)
                     }
                     false => String::new(),
@@ -114,15 +115,6 @@ fn settings(tolerance: f64) -> CgSettings {
         tolerance,
         ..CgSettings::default()
     }
-}
-
-/// Clamps one end, and sets transverse gravity.
-fn hold(body: &mut dyn Simulator) -> palpate::Result<()> {
-    let (rest, edges) = (&body.mesh().nodes, body.edge_nodes().into_iter());
-    let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), edges, DVec3::NEG_Z);
-    body.pin_nodes(&end.nodes)?;
-    body.loads_mut().set_gravity(9.81 * end.load_direction());
-    Ok(())
 }
 
 /// Returns the deviation of 100 steps of `body` from rest from those of `truth`, relative to the
@@ -206,16 +198,14 @@ fn timed(body: &mut dyn Simulator, h: f64) -> palpate::Result<(f64, f64)> {
         SolverKind::Implicit => 1,
         _ => 8,
     };
-    body.run(2 * steps, h)?;
-    let (mut times, begin) = (Vec::new(), Instant::now());
-    while times.len() < 5 || begin.elapsed() < Duration::from_secs(2) {
-        let start = Instant::now();
-        body.run(steps, h)?;
-        times.push(start.elapsed().as_secs_f64() * 1e3 / f64::from(steps));
-    }
-    times.sort_by(f64::total_cmp);
+    let timing = Timing {
+        budget: Duration::from_secs(2),
+        least: 5,
+        most: usize::MAX,
+    };
+    let taken = timing.measure(|| body.run(steps, h).map(drop))?;
     let iterations = body.iterations()?;
     let sum: u32 = iterations.iter().sum();
     let mean = f64::from(sum) / iterations.len().max(1) as f64;
-    Ok((times[times.len() / 2], mean))
+    Ok((taken.median / f64::from(steps), mean))
 }

@@ -4,10 +4,8 @@
 
 use glam::DVec3;
 use palpate::generate;
-use palpate::gpu::Gpu;
 use palpate::mesh::{Blade, components, depth_field};
-use palpate::physics::{EngineChoice, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
+use palpate::prelude::*;
 
 fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("cut.png".into());

@@ -3,12 +3,11 @@
 //!     cargo run --release --example grid_body [-- SURFACE.stl OUT.png]
 
 use glam::DVec3;
-use palpate::gpu::Gpu;
 use palpate::mesh::depth_field;
 use palpate::mesher::SurfaceDomain;
+use palpate::physics::GrabMode;
 use palpate::physics::grid::GridModel;
-use palpate::physics::{EngineChoice, GrabMode, Material};
-use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
+use palpate::prelude::*;
 
 fn main() -> palpate::Result<()> {
     let mut arguments = std::env::args().skip(1);

@@ -3,10 +3,9 @@
 //!     cargo run --release --example levels [-- OUT.png]
 
 use glam::DVec3;
-use palpate::gpu::Gpu;
 use palpate::mesh::BarycentricMap;
-use palpate::physics::{EngineChoice, Material, Simulator, SolverKind};
-use palpate::render::Camera;
+use palpate::physics::Simulator;
+use palpate::prelude::*;
 use palpate::skin::{Skin, SkinBase};
 
 fn main() -> palpate::Result<()> {

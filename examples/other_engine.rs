@@ -5,9 +5,8 @@
 
 use glam::{DQuat, DVec3};
 use palpate::generate;
-use palpate::gpu::Gpu;
 use palpate::mesh::Location;
-use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
+use palpate::prelude::*;
 
 fn main() -> anyhow::Result<()> {
     let folder = std::env::args().nth(1).unwrap_or("out/other_engine".into());

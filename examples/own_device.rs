@@ -4,10 +4,10 @@
 //!     cargo run --release --example own_device
 
 use palpate::generate;
-use palpate::gpu::{Gpu, Recorder};
+use palpate::gpu::Recorder;
 use palpate::mesh::depth_field;
-use palpate::physics::{EngineChoice, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Raycaster, Target, TransferFunction};
+use palpate::prelude::*;
+use palpate::render::Target;
 
 fn main() -> anyhow::Result<()> {
     // Existing objects of the program: an adapter, a device, a queue, a texture to show.

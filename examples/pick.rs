@@ -4,10 +4,9 @@
 
 use glam::{DVec2, DVec3};
 use palpate::generate;
-use palpate::gpu::Gpu;
 use palpate::mesh::depth_field;
-use palpate::physics::{EngineChoice, GrabMode, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
+use palpate::physics::GrabMode;
+use palpate::prelude::*;
 
 fn main() -> palpate::Result<()> {
     let out = std::env::args().nth(1).unwrap_or("pick.png".into());

@@ -2,10 +2,8 @@
 //!
 //!     cargo run --release --example quickstart [-- MESH.vtu OUT.png]
 
-use palpate::gpu::Gpu;
 use palpate::mesh::Location;
-use palpate::physics::{EngineChoice, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
+use palpate::prelude::*;
 
 fn main() -> palpate::Result<()> {
     let mut arguments = std::env::args().skip(1);

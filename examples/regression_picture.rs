@@ -3,9 +3,8 @@
 //!
 //!     cargo run --release --example regression_picture [-- SCENE.toml GOLDEN.png]
 
-use palpate::gpu::Gpu;
+use palpate::prelude::*;
 use palpate::render::{Image, ImageDifference};
-use palpate::scene::{Scene, Stage};
 use std::path::PathBuf;
 use std::process::ExitCode;
 

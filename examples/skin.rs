@@ -3,10 +3,8 @@
 //!     cargo run --release --example skin [-- SURFACE.stl OUT.png]
 
 use glam::DVec3;
-use palpate::gpu::Gpu;
 use palpate::mesh::depth_field;
-use palpate::physics::{EngineChoice, Material, SolverKind};
-use palpate::render::{Camera, Geometry, Raycaster, TransferFunction};
+use palpate::prelude::*;
 use palpate::skin::{Compositor, Skin};
 
 fn main() -> palpate::Result<()> {

@@ -8,10 +8,10 @@ pub use held::{insert_file, take_file};
 
 /// The writer behind an output file: a file of the system, or bytes in memory.
 #[cfg(not(target_arch = "wasm32"))]
-pub type OutFile = std::fs::File;
+pub(crate) type OutFile = std::fs::File;
 /// The writer behind an output file: a file of the system, or bytes in memory.
 #[cfg(target_arch = "wasm32")]
-pub type OutFile = std::io::Cursor<Vec<u8>>;
+pub(crate) type OutFile = std::io::Cursor<Vec<u8>>;
 
 /// Returns the bytes of a file.
 ///

@@ -9,6 +9,8 @@
 //! refresh of normals and gradients → raycast → image. `ARCHITECTURE.md` gives an overview.
 
 pub mod annotate;
+#[cfg(feature = "study")]
+pub mod bench;
 pub mod cage;
 pub mod error;
 mod files;
@@ -21,6 +23,7 @@ pub mod meshing;
 pub mod number_format;
 pub(crate) mod parallel;
 pub mod physics;
+pub mod prelude;
 pub mod press;
 mod progress;
 pub mod render;

@@ -1,7 +1,7 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use palpate::io::fuzz;
+use palpate::io::fuzz::Readers;
 
 fuzz_target!(|data: &[u8]| {
-    let _ = fuzz::dicom(data);
+    let _ = Readers::dicom(data);
 });

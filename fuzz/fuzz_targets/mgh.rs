@@ -1,8 +1,8 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use palpate::io::fuzz;
+use palpate::io::fuzz::Readers;
 
 fuzz_target!(|data: &[u8]| {
-    let _ = fuzz::volume_number("mgz", data, 0);
-    let _ = fuzz::volume_number("mgh", data, 1);
+    let _ = Readers::volume_number("mgz", data, 0);
+    let _ = Readers::volume_number("mgh", data, 1);
 });

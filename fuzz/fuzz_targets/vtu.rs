@@ -1,8 +1,8 @@
 #![no_main]
 use libfuzzer_sys::fuzz_target;
-use palpate::io::fuzz;
+use palpate::io::fuzz::Readers;
 use palpate_fuzz as _;
 
 fuzz_target!(|data: &[u8]| {
-    let _ = fuzz::mesh("vtu", data);
+    let _ = Readers::mesh("vtu", data);
 });

@@ -3,7 +3,7 @@
 use crate::errors::{Raise, input_error};
 use palpate::Error;
 use palpate::render::TransferFunction;
-use palpate::scene::{PlannedRun, STEPS, Scene};
+use palpate::scene::{PlannedRun, Scene};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ pub fn scene(entries: &str, folder: &Path) -> palpate::Result<Scene> {
 pub fn scene_to_draw(entries: &str, folder: &Path) -> palpate::Result<Scene> {
     let mut scene = scene(entries, folder)?;
     scene.solver.run = Some(PlannedRun {
-        steps: scene.solver.steps.unwrap_or(STEPS),
+        steps: scene.solver.steps.unwrap_or(PlannedRun::DEFAULT_STEPS),
         draws_frames: false,
     });
     Ok(scene)

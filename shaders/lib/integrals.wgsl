@@ -51,27 +51,33 @@ fn segment(s0: f32, s1: f32, depth: f32, row: u32) -> vec4<f32> {
     let at_a = table_at(a, 2u * row);
     let at_b = table_at(b, 2u * row);
     let depth_a_point = depth * (INTERVALS / FIXED_POINT_SCALE) / f32(b - a);
-    if PIECES {
-        let t = f32(bitcast<i32>(at_b.a - at_a.a)) * depth_a_point;
-        if t > MAX_DEPTH_PER_LOOKUP {
-            return integrate_subdivided(a, b, t, depth_a_point, row);
-        }
+    if !PIECES {
+        return integrate_interval(a, b, at_a, at_b, depth_a_point, row);
     }
-    return integrate_interval(a, b, at_a, at_b, depth_a_point, row);
-}
-
-// As `segment`, subdivided, for a segment of optical depth t.
-fn integrate_subdivided(a: i32, b: i32, t: f32, depth_a_point: f32, row: u32) -> vec4<f32> {
-    let pieces = min(i32(ceil(min(t / MAX_DEPTH_PER_LOOKUP, MAX_PIECES))), abs(b - a));
+    var pieces = 1;
+    var to = b;
+    var at_to = at_b;
+    let t = f32(bitcast<i32>(at_b.a - at_a.a)) * depth_a_point;
+    if t > MAX_DEPTH_PER_LOOKUP {
+        pieces = min(i32(ceil(min(t / MAX_DEPTH_PER_LOOKUP, MAX_PIECES))), abs(b - a));
+        to = a + (b - a) / pieces;
+        at_to = table_at(to, 2u * row);
+    }
+    // One loop for whole and subdivided segments: with a path for each, a GPU needs registers for both.
     var seen = vec4(0.0);
     var from_ = a;
-    var at_from = table_at(a, 2u * row);
-    for (var i = 1; (i <= pieces) & (seen.a < INTEGRATION_CUTOFF); i++) {
-        let to = a + (b - a) * i / pieces;
-        let at_to = table_at(to, 2u * row);
+    var at_from = at_a;
+    var i = 1;
+    loop {
         seen += (1.0 - seen.a) * integrate_interval(from_, to, at_from, at_to, depth_a_point, row);
+        if (i >= pieces) | (seen.a >= INTEGRATION_CUTOFF) {
+            break;
+        }
+        i += 1;
         from_ = to;
         at_from = at_to;
+        to = a + (b - a) * i / pieces;
+        at_to = table_at(to, 2u * row);
     }
     return seen;
 }

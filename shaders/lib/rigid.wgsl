@@ -5,6 +5,7 @@
 // bodies at rest.
 
 #import lib/array
+#import lib/rotation
 
 // For each node: its rest position relative to its body's centre of mass; w is the body number plus
 // one, 0 for a node without a body.
@@ -44,22 +45,11 @@ fn sym_matrix(on: vec3<f32>, off: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(on.x, off.x, off.y, off.x, on.y, off.z, off.y, off.z, on.z);
 }
 
-// Rotations are unit quaternions with the real part last.
-
 const IDENTITY_ROTATION: vec4<f32> = vec4<f32>(0.0, 0.0, 0.0, 1.0);
 
 // Returns the rotation that applies b first, then a.
 fn quat_mul(a: vec4<f32>, b: vec4<f32>) -> vec4<f32> {
     return vec4(a.w * b.xyz + b.w * a.xyz + cross(a.xyz, b.xyz), a.w * b.w - dot(a.xyz, b.xyz));
-}
-
-// Returns the displacement of v under the rotation.
-fn rotation_displacement(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
-    return 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
-}
-
-fn quat_rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
-    return v + rotation_displacement(q, v);
 }
 
 // Normalises to a few units in the last place; square roots of the device may be less accurate.

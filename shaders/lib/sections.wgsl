@@ -140,20 +140,21 @@ fn shade_range(part: Segment, range: vec2<f32>, row: u32, ray: Ray, volume: bool
     if range.x >= range.y {
         return seen;
     }
+    let count = SLICE_COUNT + ISOSURFACE_COUNT;
     var met = SurfaceHit(range.x, 0u);
-    for (var i = 0u; i < SLICE_COUNT + ISOSURFACE_COUNT; i++) {
-        let next = next_surface(part, ray, met, range.y);
-        if next.which == 0u {
-            break;
+    for (var i = 0u; i <= count; i++) {
+        var next = SurfaceHit(range.y, 0u);
+        if i < count {
+            next = next_surface(part, ray, met, range.y);
         }
         if volume {
             seen += (1.0 - seen.a) * shade_lit_segment(sub_segment(part, vec2(met.u, next.u)), row, ray);
         }
+        if next.which == 0u {
+            break;
+        }
         seen += (1.0 - seen.a) * surface_colour(next.which, lerp_sample(part.front, part.back, next.u), row, ray);
         met = next;
-    }
-    if volume {
-        seen += (1.0 - seen.a) * shade_lit_segment(sub_segment(part, vec2(met.u, range.y)), row, ray);
     }
     return seen;
 }

@@ -1,5 +1,7 @@
 // Tools as stored on the GPU, in local units. Host side: `physics::gpu::contact`.
 
+#import lib/rotation
+
 struct Tool {
     // Dimensions by shape: radius; radius and half length; half edges; or scale of the field
     // values. w is the shape.
@@ -79,10 +81,6 @@ struct ContactStepState {
     steps: u32,
 }
 
-fn quat_rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
-    return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
-}
-
 // Returns the difference of v rotated by `to_rotation` and by `from_rotation`, computed so that it
 // stays accurate for nearly equal rotations.
 fn rotation_difference(from_rotation: vec4<f32>, to_rotation: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
@@ -91,9 +89,4 @@ fn rotation_difference(from_rotation: vec4<f32>, to_rotation: vec4<f32>, v: vec3
     let to_vector = from_vector + difference.xyz;
     let rotated = cross(difference.xyz, cross(to_vector, v) + (from_rotation.w + difference.w) * v);
     return 2.0 * (rotated + cross(from_vector, cross(difference.xyz, v) + difference.w * v));
-}
-
-// Returns the inverse rotation.
-fn quat_conjugate(q: vec4<f32>) -> vec4<f32> {
-    return vec4(-q.xyz, q.w);
 }

@@ -11,6 +11,26 @@
 @group(0) @binding(next) var faces: texture_2d<f32>;
 @group(0) @binding(next) var node_contributions: texture_storage_2d<rgba32float, write>;
 
+struct ContactPoint {
+    node: vec2<u32>,
+}
+
+fn start_offset(at: ContactPoint, origin: vec3<f32>) -> vec3<f32> {
+    return textureLoad(start_positions, at.node, 0).xyz - origin;
+}
+
+fn velocity_at(at: ContactPoint) -> vec3<f32> {
+    return textureLoad(velocities, at.node, 0).xyz;
+}
+
+fn velocity_change_at(at: ContactPoint) -> vec3<f32> {
+    return textureLoad(direction, at.node, 0).xyz;
+}
+
+fn friction_velocity_at(at: ContactPoint) -> vec3<f32> {
+    return textureLoad(friction_velocities, at.node, 0).xyz;
+}
+
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
     let n = invocation_index(id, groups);
@@ -23,18 +43,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var b0 = vec4(0.0);
     var b1 = vec4(0.0);
     if textureLoad(masses, i, 0).y != 0.0 {
-        let x = textureLoad(start_positions, i, 0).xyz;
-        let v = textureLoad(velocities, i, 0).xyz;
-        let velocity_change = textureLoad(direction, i, 0).xyz;
-        let friction_velocity = textureLoad(friction_velocities, i, 0).xyz;
-        let one = ContactNodes(
-            mat3x3(x, x, x),
-            mat3x3(v, v, v),
-            mat3x3(velocity_change, velocity_change, velocity_change),
-            mat3x3(friction_velocity, friction_velocity, friction_velocity),
-        );
+        let at = ContactPoint(i);
         for (var k = 0u; k < arrayLength(&tools); k++) {
-            let contribution = contact_contribution(k, one, vec3(1.0, 0.0, 0.0), bitcast<f32>(node.w));
+            let contribution = contact_contribution(k, at, bitcast<f32>(node.w));
             force += vec4(contribution.force, contribution.exceeds_penetration);
             b0 += vec4(contribution.diagonal.x, contribution.mixed.xy, contribution.diagonal.y);
             b1 += vec4(contribution.mixed.z, contribution.diagonal.z, 0.0, 0.0);

@@ -27,8 +27,13 @@ fn cross_matrix(v: vec3<f32>) -> mat3x3<f32> {
     return mat3x3(0.0, v.z, -v.y, -v.z, 0.0, v.x, v.y, -v.x, 0.0);
 }
 
-// Inverts a block by Cholesky factorisation; if it is not positive definite, inverts its diagonal.
-fn invert_block(block: Block) -> Block {
+// Cholesky factor of a block, by columns; if the block is not positive definite, its diagonal.
+struct Factor {
+    lower: Block,
+    sound: bool,
+}
+
+fn factorise(block: Block) -> Factor {
     var lower = Block();
     var sound = true;
     for (var c = 0u; c < 6u; c++) {
@@ -45,31 +50,43 @@ fn invert_block(block: Block) -> Block {
             }
         }
     }
-    var inverse = Block();
-    for (var c = 0u; c < 6u; c++) {
-        if !sound {
-            inverse[c][c] = 1.0 / block[c][c];
-            continue;
+    if !sound {
+        for (var c = 0u; c < 6u; c++) {
+            lower[c][c] = block[c][c];
         }
-        var x = array<f32, 6>();
-        for (var r = c; r < 6u; r++) {
-            var sum = select(0.0, 1.0, r == c);
-            for (var k = c; k < r; k++) {
-                sum -= lower[k][r] * x[k];
-            }
-            x[r] = sum / lower[r][r];
-        }
-        for (var n = 0u; n < 6u; n++) {
-            let r = 5u - n;
-            var sum = x[r];
-            for (var k = r + 1u; k < 6u; k++) {
-                sum -= lower[r][k] * x[k];
-            }
-            x[r] = sum / lower[r][r];
-        }
-        inverse[c] = x;
     }
-    return inverse;
+    return Factor(lower, sound);
+}
+
+// Returns the solution of a factorised block for a right side.
+fn solve(factor: Factor, right: array<f32, 6>) -> array<f32, 6> {
+    var x = right;
+    if !factor.sound {
+        for (var r = 0u; r < 6u; r++) {
+            x[r] /= factor.lower[r][r];
+        }
+        return x;
+    }
+    for (var r = 0u; r < 6u; r++) {
+        for (var k = 0u; k < r; k++) {
+            x[r] -= factor.lower[k][r] * x[k];
+        }
+        x[r] /= factor.lower[r][r];
+    }
+    for (var n = 0u; n < 6u; n++) {
+        let r = 5u - n;
+        for (var k = r + 1u; k < 6u; k++) {
+            x[r] -= factor.lower[r][k] * x[k];
+        }
+        x[r] /= factor.lower[r][r];
+    }
+    return x;
+}
+
+// Returns Π v.
+fn project_vector(v: array<f32, 6>, shifts: f32, turns: mat3x3<f32>) -> array<f32, 6> {
+    let turn = turns * vec3(v[3], v[4], v[5]);
+    return array<f32, 6>(shifts * v[0], shifts * v[1], shifts * v[2], turn.x, turn.y, turn.z);
 }
 
 // Returns Π m Π, the projection to the free motions: Π keeps or removes translations, and projects
@@ -77,8 +94,7 @@ fn invert_block(block: Block) -> Block {
 fn project_to_freedom(m: Block, shifts: f32, turns: mat3x3<f32>) -> Block {
     var left = Block();
     for (var c = 0u; c < 6u; c++) {
-        let turn = turns * vec3(m[c][3], m[c][4], m[c][5]);
-        left[c] = array<f32, 6>(shifts * m[c][0], shifts * m[c][1], shifts * m[c][2], turn.x, turn.y, turn.z);
+        left[c] = project_vector(m[c], shifts, turns);
     }
     var both = Block();
     for (var r = 0u; r < 6u; r++) {
@@ -191,10 +207,13 @@ fn main(
                     block[3u + c][3u + r] += scale * (select(0.0, 1.0, r == c) - keep[c][r]);
                 }
             }
-            let inverse = project_to_freedom(invert_block(block), free, keep);
+            let factor = factorise(block);
             textureStore(blocks, array_texel(13u * b), turn);
+            // Column by column: the whole of Π B Π would take 36 registers of a GPU.
             for (var c = 0u; c < 6u; c++) {
-                let column = inverse[c];
+                var unit = array<f32, 6>();
+                unit[c] = 1.0;
+                let column = project_vector(solve(factor, project_vector(unit, free, keep)), free, keep);
                 textureStore(blocks, array_texel(13u * b + 1u + 2u * c), vec4(column[0], column[1], column[2], sum / 6.0));
                 textureStore(blocks, array_texel(13u * b + 2u + 2u * c), vec4(column[3], column[4], column[5], 0.0));
             }

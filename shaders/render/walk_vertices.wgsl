@@ -39,6 +39,12 @@ fn rest_position(i: u32) -> vec3<f32> {
     return textureLoad(rests, array_texel(i), 0).xyz;
 }
 
+// Returns the sum of the rest positions of a, b and c times w. They are read for each face: kept from
+// one face to the next, they would take nine registers of a GPU.
+fn weighted_rest_position(w: vec3<f32>, a: u32, b: u32, c: u32) -> vec3<f32> {
+    return w.x * rest_position(a) + w.y * rest_position(b) + w.z * rest_position(c);
+}
+
 fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     let frame = ray.frame;
     var sum = before;
@@ -64,14 +70,8 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
     var ga = vec4(0.0);
     var gb = vec4(0.0);
     var gc = vec4(0.0);
-    var ra = vec3(0.0);
-    var rb = vec3(0.0);
-    var rc = vec3(0.0);
     if USE_REST_POSITIONS {
-        ra = rest_position(ia);
-        rb = rest_position(ib);
-        rc = rest_position(ic);
-        here.rest = (w.x * ra + w.y * rb + w.z * rc) * start_share;
+        here.rest = weighted_rest_position(w, ia, ib, ic) * start_share;
     }
     if PER_NODE_LIGHT {
         ga = gradient_at(ia);
@@ -116,11 +116,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
         ia = select(ia, opposite_node, drop_a);
         ib = select(ib, opposite_node, drop_b);
         ic = select(ic, opposite_node, drop_c);
-        w = vec3(
-            select(select(w.x, -dc, drop_b), db, drop_c),
-            select(select(w.y, dc, drop_a), -da, drop_c),
-            select(select(w.z, -db, drop_a), da, drop_b),
-        );
+        w = vec3(cross2(b.xy, c.xy), cross2(c.xy, a.xy), cross2(a.xy, b.xy));
         let share = 1.0 / max(abs(w.x + w.y + w.z), 1e-30);
         var next: RaySample;
         if PER_NODE_LIGHT {
@@ -134,11 +130,7 @@ fn traverse(code: u32, ray: Ray, before: vec4<f32>) -> TraversalResult {
             }
         }
         if USE_REST_POSITIONS {
-            let rd = rest_position(opposite_node);
-            ra = select(ra, rd, drop_a);
-            rb = select(rb, rd, drop_b);
-            rc = select(rc, rd, drop_c);
-            next.rest = (w.x * ra + w.y * rb + w.z * rc) * share;
+            next.rest = weighted_rest_position(w, ia, ib, ic) * share;
         }
         next.s = clamp(dot(w, vec3(a.w, b.w, c.w)) * share, min(a.w, min(b.w, c.w)), max(a.w, max(b.w, c.w)));
         if CELL_SCALARS {

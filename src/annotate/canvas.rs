@@ -220,7 +220,7 @@ impl Canvas {
 
 /// Returns the letters of `text` that the font of annotations does not have: they are drawn as
 /// boxes.
-pub fn missing_letters(text: &str) -> String {
+pub(crate) fn missing_letters(text: &str) -> String {
     let Ok(font) = FontRef::try_from_slice(notosans::REGULAR_TTF) else {
         return String::new();
     };

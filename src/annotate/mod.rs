@@ -13,7 +13,7 @@ mod preset_sheet;
 mod scale_bar;
 
 pub use axes::Axes;
-pub use canvas::missing_letters;
+pub(crate) use canvas::missing_letters;
 pub use heading::FrameTime;
 pub use legend::{BarColours, ColourBar, Legend, Swatch};
 pub use preset_sheet::preset_sheet;

@@ -1,7 +1,7 @@
 //! Linear static compliance of a body under loads, in float64 for small displacements.
 
 use crate::parallel;
-use crate::physics::{DiscreteModel, Discretisation, Element, Elements};
+use crate::physics::{DiscreteModel, Discretisation, Element, Elements, outer};
 use glam::{DMat3, DVec3};
 
 /// Maximum iterations of conjugate gradients.
@@ -250,11 +250,6 @@ fn stiffness(element: &Element, elements: &Elements) -> impl Fn(usize, usize) ->
         let shear = DMat3::from_diagonal(DVec3::splat(ga.dot(gb))) + outer(gb, ga);
         (shear * mu + outer(ga, gb) * lambda) * volume
     }
-}
-
-/// Returns a bᵀ.
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 /// Returns the compliance: the total work of the loads.

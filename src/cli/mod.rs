@@ -2,6 +2,8 @@
 
 mod adapters;
 mod bake;
+#[cfg(feature = "study")]
+mod bench;
 mod compare;
 mod convert;
 mod demo;
@@ -26,7 +28,7 @@ mod volume_flag;
 mod warp;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use palpate::gpu::ADAPTER_VARIABLE;
+use palpate::gpu::Gpu;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -37,7 +39,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 #[command(version, about, propagate_version = true)]
 struct Arguments {
     /// Select the graphics adapter: part of its name, its index in `palpate adapters`, or cpu
-    #[arg(long, global = true, env = ADAPTER_VARIABLE)]
+    #[arg(long, global = true, env = Gpu::ADAPTER_VARIABLE)]
     adapter: Option<String>,
     /// Print only errors on standard error: no progress, no notes
     #[arg(long, short, global = true)]
@@ -69,6 +71,9 @@ enum Command {
     #[cfg(feature = "study")]
     /// Measure accuracy against speed, stability, and cost against size, with charts
     Study(study::StudyArguments),
+    #[cfg(feature = "study")]
+    /// Compare this machine's pictures and motions with golden ones, and measure its speed
+    Bench(bench::BenchArguments),
     /// Find the cheapest settings of a scene that meet a target accuracy on this machine
     Tune(tune::TuneArguments),
     /// Open the interactive viewer
@@ -151,6 +156,8 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Demo(arguments) => demo::run(&driver::gpu(adapter)?, arguments),
         #[cfg(feature = "study")]
         Command::Study(arguments) => study::run(&driver::gpu(adapter)?, arguments),
+        #[cfg(feature = "study")]
+        Command::Bench(arguments) => bench::run(adapter, arguments),
         Command::Tune(arguments) => tune::run(&driver::gpu(adapter)?, arguments),
         Command::View(arguments) => view::run(arguments),
         Command::Warp(arguments) => warp::run(adapter, arguments),

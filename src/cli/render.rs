@@ -10,7 +10,7 @@ use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
-use palpate::scene::{PlannedRun, STEPS, Stage};
+use palpate::scene::{PlannedRun, Stage};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -108,7 +108,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     let input = last.map_or(arguments.input.as_path(), io::Frame::file);
     let mut scene = arguments.scene.scene(input)?;
     scene.solver.run = Some(PlannedRun {
-        steps: scene.solver.steps.unwrap_or(STEPS),
+        steps: scene.solver.steps.unwrap_or(PlannedRun::DEFAULT_STEPS),
         draws_frames: false,
     });
     let parts = last.filter(|frame| frame.single_file().is_none());

@@ -5,7 +5,7 @@ use clap::Args;
 use glam::DVec3;
 use palpate::io;
 use palpate::mesh::TetMesh;
-use palpate::scene::{PlannedRun, STEPS, Scene, Stage};
+use palpate::scene::{PlannedRun, Scene, Stage};
 use palpate::warp::{Coverage, Warp, WarpFiles, WarpOptions, WarpReport};
 use palpate::{Error, Result};
 use serde_json::{Value, json};
@@ -153,7 +153,7 @@ fn meshes_from_scene(
     let unit = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
     scene.solver.steps = arguments.steps.or(scene.solver.steps);
     scene.solver.run = Some(PlannedRun {
-        steps: scene.solver.steps.unwrap_or(STEPS),
+        steps: scene.solver.steps.unwrap_or(PlannedRun::DEFAULT_STEPS),
         draws_frames: false,
     });
     let gpu = driver::gpu(adapter)?;

@@ -6,10 +6,10 @@ use crate::{Error, Result};
 use glam::DVec3;
 
 /// Cells of the paper's bar along x, y and z.
-pub const PAPER_BAR_CELLS: [usize; 3] = [4, 2, 2];
+pub(crate) const PAPER_BAR_CELLS: [usize; 3] = [4, 2, 2];
 
 /// Size of the paper's bar in metres: cells of 30 mm.
-pub const PAPER_BAR_SIZE: DVec3 = DVec3::new(0.12, 0.06, 0.06);
+pub(crate) const PAPER_BAR_SIZE: DVec3 = DVec3::new(0.12, 0.06, 0.06);
 
 /// Returns the bar of Tejada & Ertl 2005: 80 tets in 4 × 2 × 2 cells of 30 mm, in metres.
 ///

@@ -3,7 +3,7 @@
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, rod, smooth_union};
 use crate::mesh::TetMesh;
-use crate::{ProgressFn, Result, no_progress};
+use crate::{Result, no_progress};
 use glam::DVec3;
 
 /// Radius of its base and its height, m, and the exponent of its profile.
@@ -26,19 +26,11 @@ const LUMP: [f64; 2] = [0.022, 0.022];
 /// An [`Error::Input`](crate::Error::Input) for fewer than 1,000 tets or more than 20 million, and
 /// for an invalid lump or one that does not fit.
 pub fn breast(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
-    generate_with_progress(tets, lump, &no_progress)
+    organ(Breast, tets, lump, &no_progress)
 }
 
-/// As [`breast`], with progress reports.
-pub(super) fn generate_with_progress(
-    tets: usize,
-    lump: Option<Lump>,
-    progress: ProgressFn,
-) -> Result<TetMesh> {
-    organ(Breast, tets, lump, progress)
-}
-
-struct Breast;
+/// The shape of [`breast`].
+pub(super) struct Breast;
 
 impl Breast {
     /// Approximate signed distance to the surface, negative inside.

@@ -3,7 +3,7 @@
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, smooth_union};
 use crate::mesh::TetMesh;
-use crate::{ProgressFn, Result, no_progress};
+use crate::{Result, no_progress};
 use glam::DVec3;
 
 /// Height of its flat back, m.
@@ -19,19 +19,11 @@ const LUMP: [f64; 2] = [-0.03, 0.0];
 /// # Errors
 /// As [`breast`](super::breast).
 pub fn liver(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
-    generate_with_progress(tets, lump, &no_progress)
+    organ(Liver, tets, lump, &no_progress)
 }
 
-/// As [`liver`], with progress reports.
-pub(super) fn generate_with_progress(
-    tets: usize,
-    lump: Option<Lump>,
-    progress: ProgressFn,
-) -> Result<TetMesh> {
-    organ(Liver, tets, lump, progress)
-}
-
-struct Liver;
+/// The shape of [`liver`].
+pub(super) struct Liver;
 
 impl Liver {
     /// Approximate signed distance to the surface, negative inside.

@@ -1,8 +1,11 @@
 //! Lookup of generators by name, for scenes and the command line.
 
+use super::breast::Breast;
+use super::liver::Liver;
+use super::lump::organ;
 use super::{
-    Bore, Lump, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, biceps, box_mesh,
-    breast, duct, foot, limb, liver,
+    Bore, Lump, PAPER_BAR_SIZE, Split, ball, bar_of_about, benchmark_cube, biceps, box_mesh, duct,
+    foot, limb,
 };
 use crate::mesh::TetMesh;
 use crate::{Error, ProgressFn, Result, no_progress};
@@ -69,18 +72,14 @@ fn unknown(name: &str) -> Error {
 /// # Errors
 /// An error for an unknown name, or a number of tets that the generator cannot make.
 pub fn by_name(name: &str, tets: Option<usize>) -> Result<TetMesh> {
-    with_lump(name, tets, Some(Lump::default()))
+    by_name_with_progress(name, tets, Some(Lump::default()), &no_progress)
 }
 
-/// As [`by_name`], with the given lump, or none, in organs that have one.
+/// As [`by_name`], with the given lump, or none, in organs that have one, and with progress reports
+/// for the large ones.
 ///
 /// # Errors
 /// As [`by_name`], and an error for a lump that does not fit into the organ.
-pub fn with_lump(name: &str, tets: Option<usize>, lump: Option<Lump>) -> Result<TetMesh> {
-    by_name_with_progress(name, tets, lump, &no_progress)
-}
-
-/// As [`with_lump`], with progress reports for the large ones.
 pub(crate) fn by_name_with_progress(
     name: &str,
     tets: Option<usize>,
@@ -106,8 +105,8 @@ pub(crate) fn by_name_with_progress(
         "cube" => benchmark_cube(side(tets.unwrap_or(48_000), 6.0), false),
         "limb" => limb::generate_with_progress(tets.unwrap_or(100_000), progress),
         "biceps" => biceps(tets.unwrap_or(8_000)),
-        "breast" => breast::generate_with_progress(tets.unwrap_or(20_000), lump, progress),
-        "liver" => liver::generate_with_progress(tets.unwrap_or(20_000), lump, progress),
+        "breast" => organ(Breast, tets.unwrap_or(20_000), lump, progress),
+        "liver" => organ(Liver, tets.unwrap_or(20_000), lump, progress),
         "foot" => foot::generate_with_progress(tets.unwrap_or(100_000), progress),
         _ => Err(unknown(name)),
     }

@@ -9,10 +9,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use web_time::{Duration, Instant};
 
-/// Environment variable that selects the adapter: part of its name, its index in the list that the
-/// error shows, or `cpu` for a software adapter.
-pub const ADAPTER_VARIABLE: &str = "PALPATE_ADAPTER";
-
 /// Features used if the adapter has them; each has a fallback.
 const OPTIONAL_FEATURES: wgpu::Features =
     wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_FILTERABLE);
@@ -42,10 +38,16 @@ thread_local! {
     static SUBMITTING: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
-/// Returns the total time that the calling thread has spent in queue submissions: microseconds
-/// each, except with software drivers, which may render during the submission.
-pub fn submit_time() -> Duration {
-    SUBMITTING.get()
+impl Gpu {
+    /// Environment variable that selects the adapter: part of its name, its index in the list that
+    /// the error shows, or `cpu` for a software adapter.
+    pub const ADAPTER_VARIABLE: &str = "PALPATE_ADAPTER";
+
+    /// Returns the total time that the calling thread has spent in queue submissions: microseconds
+    /// each, except with software drivers, which may render during the submission.
+    pub fn submit_time() -> Duration {
+        SUBMITTING.get()
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -62,7 +64,7 @@ impl Gpu {
     /// [`Error::NoAdapter`] with a hint what to install or a list of the adapters.
     #[cfg(not(target_arch = "wasm32"))]
     pub fn new() -> Result<Gpu> {
-        let wanted = std::env::var(ADAPTER_VARIABLE).ok();
+        let wanted = std::env::var(Gpu::ADAPTER_VARIABLE).ok();
         Gpu::with_adapter(wanted.as_deref())
     }
 
@@ -92,8 +94,10 @@ impl Gpu {
         let (device, queue) = adapter.request_device(&descriptor).await.map_err(|e| {
             Error::NoAdapter(format!(
                 "{} ({:?}) cannot create a device with WebGPU's default limits: {e}; choose \
-                another adapter with {ADAPTER_VARIABLE} or --adapter",
-                info.name, info.backend
+                another adapter with {} or --adapter",
+                info.name,
+                info.backend,
+                Gpu::ADAPTER_VARIABLE
             ))
         })?;
         let gpu = Gpu::from_parts(info, device, queue);
@@ -137,6 +141,16 @@ impl Gpu {
         }
     }
 
+    /// Returns the same device with the settings of another kind of adapter: workgroup sizes, mesh
+    /// access, and the engine `auto`. Its caches and counters are its own.
+    pub fn with_settings_of(&self, kind: wgpu::DeviceType) -> Gpu {
+        let info = wgpu::AdapterInfo {
+            device_type: kind,
+            ..self.adapter().clone()
+        };
+        Gpu::from_parts(info, self.device().clone(), self.queue().clone())
+    }
+
     /// Returns the device.
     pub fn device(&self) -> &wgpu::Device {
         &self.inner.device
@@ -147,7 +161,7 @@ impl Gpu {
         &self.inner.queue
     }
 
-    /// Submits work and measures the time ([`submit_time`]).
+    /// Submits work and measures the time ([`Gpu::submit_time`]).
     pub(crate) fn submit(&self, work: impl IntoIterator<Item = wgpu::CommandBuffer>) {
         let began = Instant::now();
         self.queue().submit(work);

@@ -2,6 +2,7 @@
 
 use super::binding::{Bind, BindingList};
 use super::device::lock;
+use super::pipeline::PipelineDescription;
 use super::struct_layout::GpuStruct;
 use super::{Gpu, Recorder};
 use crate::Result;
@@ -145,7 +146,7 @@ impl<'a> DrawBuilder<'a> {
                 entries,
             })
         })?;
-        let source = super::compose(name)?;
+        let source = super::Shaders::compose(name)?;
         let compilation_options = wgpu::PipelineCompilationOptions {
             constants: &self.constants,
             ..Default::default()
@@ -182,6 +183,11 @@ impl<'a> DrawBuilder<'a> {
                 cache: None,
             })
         })?;
+        gpu.note_pipeline(PipelineDescription {
+            targets: self.targets.iter().flatten().map(|t| t.format).collect(),
+            depth: self.depth.as_ref().map(|d| d.format),
+            ..PipelineDescription::new(name, &self.constants)
+        });
         Ok((pipeline, layout))
     }
 }

@@ -3,6 +3,7 @@
 use super::array::Version;
 use super::binding::{Bind, BindingList};
 use super::device::lock;
+use super::pipeline::PipelineDescription;
 use super::struct_layout::GpuStruct;
 use super::{Gpu, Recorder};
 use crate::{Error, Result};
@@ -15,6 +16,7 @@ use wgpu::naga;
 pub(super) struct Pipelines {
     pub(super) render: Mutex<HashMap<String, (wgpu::RenderPipeline, wgpu::BindGroupLayout)>>,
     compute: Mutex<HashMap<String, (wgpu::ComputePipeline, wgpu::BindGroupLayout)>>,
+    pub(super) created: Mutex<Vec<PipelineDescription>>,
 }
 
 /// Size of a dispatch.
@@ -146,6 +148,7 @@ impl<'a> PassBuilder<'a> {
                     })
                 })?;
                 let pipeline = compute_pipeline(gpu, name, &layout, &self.constants)?;
+                gpu.note_pipeline(PipelineDescription::new(name, &self.constants));
                 lock(&gpu.pipelines().compute).insert(key, (pipeline.clone(), layout.clone()));
                 (pipeline, layout)
             }
@@ -203,7 +206,7 @@ fn compute_pipeline(
     layout: &wgpu::BindGroupLayout,
     constants: &[(&str, f64)],
 ) -> Result<wgpu::ComputePipeline> {
-    let source = super::compose(name)?;
+    let source = super::Shaders::compose(name)?;
     gpu.create(name, |device| {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(name),

@@ -54,51 +54,58 @@ fn added(name: &str) -> Option<&'static str> {
     added.iter().find(|(n, _)| *n == name).map(|s| s.1)
 }
 
-/// Adds a custom shader: `room/name` becomes a program for [`Gpu::pass`](super::Gpu::pass),
-/// `terms/name` an energy term that a [`NodeTerm`](crate::physics::NodeTerm) can name, and
-/// `lib/name` a file for `#import`. It may `#import` everything in `shaders/lib`, and is kept until
-/// the process ends. Adding identical source again does nothing.
-///
-/// # Errors
-/// [`Error::Input`] for a name that is taken or invalid; [`Error::Gpu`] with the position for WGSL
-/// that does not parse.
-pub fn add_shader(name: &str, source: &str) -> Result<()> {
-    let mut parts = name.split('/');
-    let part = |p: &str| !p.is_empty() && p.chars().all(|c| c.is_alphanumeric() || c == '_');
-    if parts.clone().count() != 2 || !parts.all(part) {
-        return Err(Error::Input(format!(
-            "invalid shader name {name:?}: expected a folder and a name of letters, digits and \
-            underscores, for example my_app/leapfrog"
-        )));
-    }
-    if SHADERS.iter().any(|(n, _)| *n == name) || added(name).is_some_and(|s| s != source) {
-        return Err(Error::Input(format!(
-            "shader {name} already exists with another source; choose another name"
-        )));
-    }
-    if added(name).is_some() {
-        return Ok(());
-    }
-    let mut all = ADDED.write().unwrap_or_else(PoisonError::into_inner);
-    all.push((name.to_owned().leak(), source.to_owned().leak()));
-    drop(all);
-    let alone = !name.starts_with("lib/") && !name.starts_with("terms/");
-    if let Err(error) = alone.then(|| parse(name)).transpose() {
-        let mut all = ADDED.write().unwrap_or_else(PoisonError::into_inner);
-        all.retain(|(n, _)| *n != name);
-        return Err(error);
-    }
-    Ok(())
-}
+/// The shaders by name: those of the library, and those added by the application. A name may be
+/// followed by names of terms, as in `physics/forces springs floor`.
+#[derive(Clone, Copy, Debug)]
+pub struct Shaders;
 
-/// Returns the names of all shaders that can be prepared as a pass: everything outside `lib/` and
-/// `terms/`, composed with each required term, and with and without each optional kind: rigid
-/// bodies, node terms, tools, scans and ray segments.
-pub fn shader_names() -> impl Iterator<Item = String> {
-    let programs = SHADERS.iter().map(|(name, _)| *name);
-    programs
-        .filter(|name| !name.starts_with("lib/") && !name.starts_with("terms/"))
-        .flat_map(test_compositions)
+impl Shaders {
+    /// Adds a custom shader: `room/name` becomes a program for [`Gpu::pass`](super::Gpu::pass),
+    /// `terms/name` an energy term that a [`NodeTerm`](crate::physics::NodeTerm) can name, and
+    /// `lib/name` a file for `#import`. It may `#import` everything in `shaders/lib`, and is kept until
+    /// the process ends. Adding identical source again does nothing.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a name that is taken or invalid; [`Error::Gpu`] with the position for WGSL
+    /// that does not parse.
+    pub fn add(name: &str, source: &str) -> Result<()> {
+        let mut parts = name.split('/');
+        let part = |p: &str| !p.is_empty() && p.chars().all(|c| c.is_alphanumeric() || c == '_');
+        if parts.clone().count() != 2 || !parts.all(part) {
+            return Err(Error::Input(format!(
+                "invalid shader name {name:?}: expected a folder and a name of letters, digits and \
+            underscores, for example my_app/leapfrog"
+            )));
+        }
+        if SHADERS.iter().any(|(n, _)| *n == name) || added(name).is_some_and(|s| s != source) {
+            return Err(Error::Input(format!(
+                "shader {name} already exists with another source; choose another name"
+            )));
+        }
+        if added(name).is_some() {
+            return Ok(());
+        }
+        let mut all = ADDED.write().unwrap_or_else(PoisonError::into_inner);
+        all.push((name.to_owned().leak(), source.to_owned().leak()));
+        drop(all);
+        let alone = !name.starts_with("lib/") && !name.starts_with("terms/");
+        if let Err(error) = alone.then(|| Shaders::parse(name)).transpose() {
+            let mut all = ADDED.write().unwrap_or_else(PoisonError::into_inner);
+            all.retain(|(n, _)| *n != name);
+            return Err(error);
+        }
+        Ok(())
+    }
+
+    /// Returns the names of all shaders that can be prepared as a pass: everything outside `lib/` and
+    /// `terms/`, composed with each required term, and with and without each optional kind: rigid
+    /// bodies, node terms, tools, scans and ray segments.
+    pub fn names() -> impl Iterator<Item = String> {
+        let programs = SHADERS.iter().map(|(name, _)| *name);
+        programs
+            .filter(|name| !name.starts_with("lib/") && !name.starts_with("terms/"))
+            .flat_map(test_compositions)
+    }
 }
 
 /// Returns the compositions of `program` to test.
@@ -164,33 +171,35 @@ fn kind_of(term: &str) -> Option<&'static str> {
         .map(str::trim)
 }
 
-/// Returns the source of shader `name`, optionally followed by names of terms, with its imports
-/// included, each once, at the first `#import`.
-///
-/// # Errors
-/// [`Error::Gpu`] if the shader, one of its terms or one of its imports does not exist.
-pub fn compose(name: &str) -> Result<String> {
-    let mut words = name.split_whitespace();
-    let program = words.next().unwrap_or_default();
-    let mut terms = Vec::new();
-    for term in words {
-        let kind = kind_of(term).filter(|kind| KINDS.contains(kind));
-        let Some(kind) = kind else {
-            return Err(Error::Gpu(format!(
-                "cannot compose {program} with term {term}: shaders/terms/{term}.wgsl does not \
+impl Shaders {
+    /// Returns the source of shader `name`, optionally followed by names of terms, with its imports
+    /// included, each once, at the first `#import`.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] if the shader, one of its terms or one of its imports does not exist.
+    pub fn compose(name: &str) -> Result<String> {
+        let mut words = name.split_whitespace();
+        let program = words.next().unwrap_or_default();
+        let mut terms = Vec::new();
+        for term in words {
+            let kind = kind_of(term).filter(|kind| KINDS.contains(kind));
+            let Some(kind) = kind else {
+                return Err(Error::Gpu(format!(
+                    "cannot compose {program} with term {term}: shaders/terms/{term}.wgsl does not \
                 exist or has no `#term` line with a known kind"
-            )));
+                )));
+            };
+            terms.push((kind, term));
+        }
+        let mut composer = Composer {
+            program,
+            terms,
+            pasted: Vec::new(),
+            out: String::new(),
         };
-        terms.push((kind, term));
+        composer.import_source(program, "the composed program")?;
+        Ok(assign_bindings(&composer.out))
     }
-    let mut composer = Composer {
-        program,
-        terms,
-        pasted: Vec::new(),
-        out: String::new(),
-    };
-    composer.import_source(program, "the composed program")?;
-    Ok(assign_bindings(&composer.out))
 }
 
 /// Assigns numbers to the bindings marked `next`.
@@ -273,29 +282,31 @@ fn split_kind<'a>(line: &'a str, directive: &str) -> Option<(&'a str, &'a str)> 
     line.strip_prefix(directive)?.split_once(' ')
 }
 
-/// Parses the composed shader `name` with naga.
-///
-/// # Errors
-/// [`Error::Gpu`] with the position in the composed source if it does not parse.
-pub fn parse(name: &str) -> Result<naga::Module> {
-    let source = compose(name)?;
-    naga::front::wgsl::parse_str(&source).map_err(|e| {
-        Error::Gpu(format!(
-            "shaders/{name}.wgsl: {}",
-            e.emit_to_string(&source)
-        ))
-    })
+impl Shaders {
+    /// Parses the composed shader `name` with naga.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] with the position in the composed source if it does not parse.
+    pub fn parse(name: &str) -> Result<naga::Module> {
+        let source = Shaders::compose(name)?;
+        naga::front::wgsl::parse_str(&source).map_err(|e| {
+            Error::Gpu(format!(
+                "shaders/{name}.wgsl: {}",
+                e.emit_to_string(&source)
+            ))
+        })
+    }
 }
 
 /// Cache of parsed shaders, so that each is parsed only once.
 static PARSED: LazyLock<Mutex<HashMap<String, Arc<naga::Module>>>> = LazyLock::new(Mutex::default);
 
-/// As [`parse`], cached by name.
+/// As [`Shaders::parse`], cached by name.
 pub(super) fn parsed(name: &str) -> Result<Arc<naga::Module>> {
     if let Some(known) = lock(&PARSED).get(name) {
         return Ok(known.clone());
     }
-    let module = Arc::new(parse(name)?);
+    let module = Arc::new(Shaders::parse(name)?);
     lock(&PARSED).insert(name.to_owned(), module.clone());
     Ok(module)
 }

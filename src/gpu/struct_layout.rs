@@ -37,7 +37,7 @@ macro_rules! gpu_struct {
 /// # Errors
 /// [`Error::Gpu`] with the first difference.
 pub fn check_layout<T: GpuStruct>(name: &str) -> Result<()> {
-    let module = shader::parse(name)?;
+    let module = shader::Shaders::parse(name)?;
     let found = module
         .types
         .iter()

@@ -1,28 +1,30 @@
 //! Static count of the texture loads of a shader, which dominate the cost of its passes.
 
-use super::shader::parsed;
+use super::shader::{Shaders, parsed};
 use crate::Result;
 use wgpu::naga::{Block, Expression, Function, Module, Statement};
 
-/// Counts the texture loads of one invocation of the shader `name`, optionally followed by names of
-/// terms: outside of all loops, per iteration of the outermost loops, of the loops nested in these,
-/// and so on. Counts both sides of a branch.
-///
-/// # Errors
-/// As [`parse`](super::parse).
-pub fn texture_loads(name: &str) -> Result<Vec<u32>> {
-    let module = parsed(name)?;
-    let mut loads = vec![0];
-    for entry in &module.entry_points {
-        visit(
-            &module,
-            &entry.function,
-            &entry.function.body,
-            0,
-            &mut loads,
-        );
+impl Shaders {
+    /// Counts the texture loads of one invocation of the shader `name`, optionally followed by names of
+    /// terms: outside of all loops, per iteration of the outermost loops, of the loops nested in these,
+    /// and so on. Counts both sides of a branch.
+    ///
+    /// # Errors
+    /// As [`Shaders::parse`].
+    pub fn texture_loads(name: &str) -> Result<Vec<u32>> {
+        let module = parsed(name)?;
+        let mut loads = vec![0];
+        for entry in &module.entry_points {
+            visit(
+                &module,
+                &entry.function,
+                &entry.function.body,
+                0,
+                &mut loads,
+            );
+        }
+        Ok(loads)
     }
-    Ok(loads)
 }
 
 fn visit(module: &Module, function: &Function, block: &Block, depth: usize, loads: &mut Vec<u32>) {

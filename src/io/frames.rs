@@ -24,7 +24,7 @@ pub struct FrameStream<R> {
 }
 
 /// A frame: its time in s, and the positions of the nodes.
-pub type TimedPositions = (f64, Vec<DVec3>);
+pub(crate) type TimedPositions = (f64, Vec<DVec3>);
 
 impl<R: Read> FrameStream<R> {
     /// Reads the header of a stream, named `name` in errors, and its mesh, if there is one.

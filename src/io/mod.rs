@@ -61,18 +61,19 @@ mod vtu_write;
 pub(crate) use atomic::TempFile;
 pub use atomic::atomic_write;
 pub use format::{MeshFormat, write, write_as};
-pub use frames::{FrameStream, TimedPositions};
+pub use frames::FrameStream;
 pub use parse::{parse, parse_surface, parse_volume};
 pub use pvd::{Frame, PvdSeries, read_pvd};
-pub(crate) use pvtu::PRIVATE_PREFIX;
-pub use pvtu::{is_pieces, piece_files, read_piece, write_pieces};
+pub(crate) use pvtu::{PRIVATE_PREFIX, read_piece, write_pieces};
+pub use pvtu::{is_pieces, piece_files};
 pub use surface::{read_surface, write_surface};
 pub(crate) use volume::{Layout, VolumeFormat, VolumeStream};
 pub use volume::{read_volume, read_volume_number, write_volume};
 
 use content::{content, content_of};
 
-pub use crate::files::{OutFile, exists, read_text};
+pub(crate) use crate::files::OutFile;
+pub use crate::files::{exists, read_text};
 #[cfg(target_arch = "wasm32")]
 pub use crate::files::{insert_file, take_file};
 use crate::mesh::TetMesh;

@@ -85,7 +85,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<RawMesh> {
 ///
 /// # Errors
 /// The errors of `piece`, an error for invalid fields, or if a file cannot be written.
-pub fn write_pieces(
+pub(crate) fn write_pieces(
     path: impl AsRef<Path>,
     count: usize,
     whole: &[u8],
@@ -194,7 +194,7 @@ fn index_text(arrays: &[Field], files: &[String]) -> String {
 /// # Errors
 /// An error if a file cannot be read or is damaged, for a number out of range, and for pieces
 /// written by another program.
-pub fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, Vec<u8>)> {
+pub(crate) fn read_piece(path: impl AsRef<Path>, number: usize) -> Result<(MeshPiece, Vec<u8>)> {
     let path = path.as_ref();
     let files = piece_files(path)?;
     let Some(file) = files.get(number) else {

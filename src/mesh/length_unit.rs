@@ -12,7 +12,7 @@ pub struct Length {
 }
 
 /// Returns a unit of length in metres, by name: `m`, `cm`, `mm`, `um`, `in`.
-pub fn metres_in(name: &str) -> Option<f64> {
+pub(crate) fn metres_in(name: &str) -> Option<f64> {
     match name {
         "m" => Some(1.0),
         "cm" => Some(1e-2),

@@ -57,27 +57,41 @@ impl TetMesh {
         Ok(whole)
     }
 
+    /// Returns the number of the mesh and the region in it for each label, from 1, of the merged
+    /// mesh; no region for a mesh without region field.
+    pub(crate) fn merged_regions(parts: &[(String, &TetMesh)]) -> Vec<(usize, Option<i64>)> {
+        let of_part = |(part, (_, mesh)): (usize, &(String, &TetMesh))| {
+            let regions: Vec<Option<i64>> = match mesh.named_region_field() {
+                None => vec![None],
+                Some(field) => mesh.regions_of(field).into_keys().map(Some).collect(),
+            };
+            regions.into_iter().map(move |region| (part, region))
+        };
+        parts.iter().enumerate().flat_map(of_part).collect()
+    }
+
     /// Numbers the regions of all meshes.
     fn label_parts(&mut self, parts: &[(String, &TetMesh)]) -> Result<()> {
-        let mut labels = Vec::with_capacity(self.tets.len());
-        let mut next = 1;
-        for (name, mesh) in parts {
-            let Some(field) = mesh.named_region_field() else {
-                self.region_names.insert(next, name.clone());
-                labels.extend(vec![next as f64; mesh.tets.len()]);
-                next += 1;
-                continue;
+        let mut numbers = vec![BTreeMap::new(); parts.len()];
+        for (label, (part, region)) in (1..).zip(TetMesh::merged_regions(parts)) {
+            let (name, mesh) = &parts[part];
+            let name = match region {
+                None => name.clone(),
+                Some(region) => {
+                    let known = mesh.region_names.get(&region).cloned();
+                    format!("{name}/{}", known.unwrap_or_else(|| region.to_string()))
+                }
             };
-            let mut number = BTreeMap::new();
-            for region in mesh.regions_of(field).into_keys() {
-                let known = mesh.region_names.get(&region);
-                let known = known.cloned().unwrap_or_else(|| region.to_string());
-                self.region_names.insert(next, format!("{name}/{known}"));
-                number.insert(region, next as f64);
-                next += 1;
+            self.region_names.insert(label, name);
+            numbers[part].insert(region, label as f64);
+        }
+        let mut labels = Vec::with_capacity(self.tets.len());
+        for ((_, mesh), number) in parts.iter().zip(&numbers) {
+            let of = |region| number.get(&region).copied().unwrap_or(0.0);
+            match mesh.named_region_field() {
+                None => labels.extend(vec![of(None); mesh.tets.len()]),
+                Some(field) => labels.extend(field.values.iter().map(|v| of(Some(*v as i64)))),
             }
-            let of = |v: &f64| number.get(&(*v as i64)).copied().unwrap_or(0.0);
-            labels.extend(field.values.iter().map(of));
         }
         self.set_field(Field {
             scalar_type: ScalarType::I32,

@@ -44,24 +44,27 @@ pub(crate) use edge_face_intersection::{EdgeFaceIntersection, edge_face_intersec
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
 pub(crate) use group_by::group_by_key;
-pub use length_unit::{Length, metres_in};
+pub use length_unit::Length;
+pub(crate) use length_unit::metres_in;
 pub use mesh_report::{FieldDescription, MeshDescription, RegionDescription};
-pub use order::morton_order;
+
 pub(crate) use order::order_of;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
-pub use partition::{MeshPartition, MeshPiece, kd_partition};
-pub use quadratic::{ElementOrder, PIECES, TenNodes, traction_shares};
-pub use quality::{
-    DIHEDRAL_BINS, QualityReport, SLIVER, TetQuality, WorstTet, dihedral_angles, tet_quality,
-};
+pub use partition::{MeshPartition, MeshPiece};
+pub(crate) use quadratic::traction_shares;
+pub use quadratic::{ElementOrder, PIECES, TenNodes};
+pub(crate) use quality::DIHEDRAL_BINS;
+pub use quality::{QualityReport, TetQuality, WorstTet};
 pub use repair::RepairReport;
 pub(crate) use sorted_list::replace_sorted;
 pub use surface_report::SurfaceDescription;
-pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};
+pub use topology::TET_EDGES;
+pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, Topology};
 pub use transfer::BarycentricMap;
-pub use tri_mesh::{NORMAL, TriMesh, UV};
-pub use triangle_bvh::{DEPTH, depth_field, point_triangle_distance};
-pub(crate) use triangle_bvh::{TriangleBvh, closest_point_weights};
+pub use tri_mesh::TriMesh;
+pub(crate) use tri_mesh::{NORMAL, UV};
+pub(crate) use triangle_bvh::{DEPTH, TriangleBvh, closest_point_weights};
+pub use triangle_bvh::{depth_field, point_triangle_distance};
 
 use crate::{Error, Result};
 use glam::DVec3;

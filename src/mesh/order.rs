@@ -9,14 +9,16 @@ use rayon::slice::ParallelSliceMut;
 /// Bits of the Morton code along each axis; three of them fit 64 bits.
 const BITS: u32 = 21;
 
-/// Returns the order in which to visit the tets of `mesh` so that neighbours in space stay close:
-/// the k-th entry is the k-th tet along the Morton curve through the centroids.
-///
-/// Equal codes keep the order of the file, so the result is deterministic.
-pub fn morton_order(mesh: &TetMesh) -> Vec<u32> {
-    order_of(mesh.tets.len(), mesh.bounds(), |t| {
-        mesh.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0
-    })
+impl TetMesh {
+    /// Returns the order in which to visit the tets of `mesh` so that neighbours in space stay close:
+    /// the k-th entry is the k-th tet along the Morton curve through the centroids.
+    ///
+    /// Equal codes keep the order of the file, so the result is deterministic.
+    pub fn morton_order(&self) -> Vec<u32> {
+        order_of(self.tets.len(), self.bounds(), |t| {
+            self.tet_nodes(t).into_iter().sum::<DVec3>() / 4.0
+        })
+    }
 }
 
 /// Returns the order of `count` points within a box along the Morton curve.

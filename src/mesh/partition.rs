@@ -20,49 +20,51 @@ pub struct MeshPiece {
     pub tets: Vec<u32>,
 }
 
-/// Assigns each tet to a part by recursive bisection along the longest side of the bounding box of
-/// the centroids, until there are `parts` parts of nearly equal numbers of tets. Parts with
-/// consecutive numbers are mostly adjacent.
-///
-/// # Errors
-/// An [`Error::Input`] for no parts, or more than there are tets.
-pub fn kd_partition(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
-    let tets = mesh.tets.len();
-    if parts == 0 || parts > tets {
-        return Err(Error::Input(format!(
-            "number of pieces must be 1 to {tets} (the number of tets), got {parts}"
-        )));
-    }
-    let middles: Vec<DVec3> = (0..tets)
-        .map(|t| mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0)
-        .collect();
-    let mut order: Vec<u32> = (0..tets as u32).collect();
-    let mut part_of = vec![0; tets];
-    let mut pending = vec![(0, tets, 0, parts)];
-    while let Some((from, to, first, parts)) = pending.pop() {
-        let own = &mut order[from..to];
-        if parts == 1 {
-            own.iter().for_each(|t| part_of[*t as usize] = first as u32);
-            continue;
+impl MeshPartition<'_> {
+    /// Assigns each tet to a part by recursive bisection along the longest side of the bounding box of
+    /// the centroids, until there are `parts` parts of nearly equal numbers of tets. Parts with
+    /// consecutive numbers are mostly adjacent.
+    ///
+    /// # Errors
+    /// An [`Error::Input`] for no parts, or more than there are tets.
+    pub fn kd_parts(mesh: &TetMesh, parts: usize) -> Result<Vec<u32>> {
+        let tets = mesh.tets.len();
+        if parts == 0 || parts > tets {
+            return Err(Error::Input(format!(
+                "number of pieces must be 1 to {tets} (the number of tets), got {parts}"
+            )));
         }
-        let (low, high) =
-            own.iter()
-                .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), t| {
-                    (
-                        low.min(middles[*t as usize]),
-                        high.max(middles[*t as usize]),
-                    )
-                });
-        let axis = (high - low).max_position();
-        let left = parts / 2;
-        let half = own.len() * left / parts;
-        let key = |t: &u32| middles[*t as usize][axis];
-        // Ties of centroids, as in grids, are broken by number, so the parts are deterministic.
-        own.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
-        pending.push((from, from + half, first, left));
-        pending.push((from + half, to, first + left, parts - left));
+        let middles: Vec<DVec3> = (0..tets)
+            .map(|t| mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0)
+            .collect();
+        let mut order: Vec<u32> = (0..tets as u32).collect();
+        let mut part_of = vec![0; tets];
+        let mut pending = vec![(0, tets, 0, parts)];
+        while let Some((from, to, first, parts)) = pending.pop() {
+            let own = &mut order[from..to];
+            if parts == 1 {
+                own.iter().for_each(|t| part_of[*t as usize] = first as u32);
+                continue;
+            }
+            let (low, high) =
+                own.iter()
+                    .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), t| {
+                        (
+                            low.min(middles[*t as usize]),
+                            high.max(middles[*t as usize]),
+                        )
+                    });
+            let axis = (high - low).max_position();
+            let left = parts / 2;
+            let half = own.len() * left / parts;
+            let key = |t: &u32| middles[*t as usize][axis];
+            // Ties of centroids, as in grids, are broken by number, so the parts are deterministic.
+            own.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+            pending.push((from, from + half, first, left));
+            pending.push((from + half, to, first + left, parts - left));
+        }
+        Ok(part_of)
     }
-    Ok(part_of)
 }
 
 /// A mesh whose tets are assigned to parts.
@@ -210,15 +212,15 @@ mod tests {
     fn kd_partition_is_balanced_and_covers_every_tet_once() {
         let mesh = generate::by_name("limb", Some(3000)).unwrap();
         for parts in [1, 2, 3, 7, 64] {
-            let part_of = kd_partition(&mesh, parts).unwrap();
+            let part_of = MeshPartition::kd_parts(&mesh, parts).unwrap();
             let mut counts = vec![0; parts];
             part_of.iter().for_each(|p| counts[*p as usize] += 1);
             let (least, most) = (counts.iter().min().unwrap(), counts.iter().max().unwrap());
             assert!(most - least <= 6, "{parts}: {counts:?}");
-            assert_eq!(part_of, kd_partition(&mesh, parts).unwrap());
+            assert_eq!(part_of, MeshPartition::kd_parts(&mesh, parts).unwrap());
         }
-        assert!(kd_partition(&mesh, 0).is_err());
-        assert!(kd_partition(&mesh, mesh.tets.len() + 1).is_err());
+        assert!(MeshPartition::kd_parts(&mesh, 0).is_err());
+        assert!(MeshPartition::kd_parts(&mesh, mesh.tets.len() + 1).is_err());
     }
 
     #[test]
@@ -228,7 +230,7 @@ mod tests {
         let tets = (0..mesh.tets.len()).map(number).collect();
         mesh.set_field(Field::scalar("number", Location::Cell, tets))
             .unwrap();
-        let part_of = kd_partition(&mesh, 5).unwrap();
+        let part_of = MeshPartition::kd_parts(&mesh, 5).unwrap();
         let parted = MeshPartition::new(&mesh, &part_of).unwrap();
         let whole = Topology::new(&mesh);
         let mut around = vec![0; mesh.nodes.len()];

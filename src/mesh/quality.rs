@@ -5,10 +5,10 @@ use crate::parallel;
 use glam::DVec3;
 
 /// Tets with a mean ratio below this are counted as slivers.
-pub const SLIVER: f64 = 0.01;
+pub(crate) const SLIVER: f64 = 0.01;
 
 /// Bins of [`QualityReport::dihedral_histogram`]: 10° each.
-pub const DIHEDRAL_BINS: usize = 18;
+pub(crate) const DIHEDRAL_BINS: usize = 18;
 
 /// Number of the worst tets listed by a [`QualityReport`].
 const MAX_LISTED: usize = 10;
@@ -57,28 +57,30 @@ pub struct QualityReport {
     pub worst: Vec<WorstTet>,
 }
 
-/// Returns the six dihedral angles of the tet with corners `v`, in degrees, at the edges of
-/// [`TET_EDGES`]. Angles at a degenerate face are 0.
-pub fn dihedral_angles(v: [DVec3; 4]) -> [f64; 6] {
-    let normals = FACES.map(|[a, b, c]| (v[b] - v[a]).cross(v[c] - v[a]));
-    TET_EDGES.map(|[a, b]| {
-        // The two faces at an edge are those opposite the other two corners.
-        let mut faces = (0..4).filter(|f| *f != a && *f != b);
-        let (Some(p), Some(q)) = (faces.next(), faces.next()) else {
-            return 0.0;
-        };
-        let (n, m) = (normals[p], normals[q]);
-        if n == DVec3::ZERO || m == DVec3::ZERO {
-            return 0.0;
-        }
-        // atan2 stays exact where the arc cosine does not: near 0° and 180°.
-        n.cross(m).length().atan2(-n.dot(m)).to_degrees()
-    })
-}
+impl TetQuality {
+    /// Returns the six dihedral angles of the tet with corners `v`, in degrees, at the edges of
+    /// [`TET_EDGES`]. Angles at a degenerate face are 0.
+    pub fn dihedral_angles(v: [DVec3; 4]) -> [f64; 6] {
+        let normals = FACES.map(|[a, b, c]| (v[b] - v[a]).cross(v[c] - v[a]));
+        TET_EDGES.map(|[a, b]| {
+            // The two faces at an edge are those opposite the other two corners.
+            let mut faces = (0..4).filter(|f| *f != a && *f != b);
+            let (Some(p), Some(q)) = (faces.next(), faces.next()) else {
+                return 0.0;
+            };
+            let (n, m) = (normals[p], normals[q]);
+            if n == DVec3::ZERO || m == DVec3::ZERO {
+                return 0.0;
+            }
+            // atan2 stays exact where the arc cosine does not: near 0° and 180°.
+            n.cross(m).length().atan2(-n.dot(m)).to_degrees()
+        })
+    }
 
-/// Returns the quality measures of the tet with corners `v`.
-pub fn tet_quality(v: [DVec3; 4]) -> TetQuality {
-    quality_from(v, &dihedral_angles(v))
+    /// Returns the quality measures of the tet with corners `v`.
+    pub fn new(v: [DVec3; 4]) -> TetQuality {
+        quality_from(v, &TetQuality::dihedral_angles(v))
+    }
 }
 
 fn quality_from(v: [DVec3; 4], angles: &[f64; 6]) -> TetQuality {
@@ -131,7 +133,7 @@ impl QualityReport {
         let mut report = QualityReport::empty();
         for t in tets {
             let v = mesh.tet_nodes(t);
-            let angles = dihedral_angles(v);
+            let angles = TetQuality::dihedral_angles(v);
             for angle in angles {
                 let bin = (angle / 180.0 * DIHEDRAL_BINS as f64) as usize;
                 report.dihedral_histogram[bin.min(DIHEDRAL_BINS - 1)] += 1;

@@ -5,10 +5,10 @@ use glam::{DVec2, DVec3};
 
 /// Name of the field of texture coordinates: two numbers per vertex, or six per triangle, two for
 /// each corner, which may differ between the triangles at a vertex (a seam).
-pub const UV: &str = "uv";
+pub(crate) const UV: &str = "uv";
 /// Name of the field of normals: three numbers per vertex, or nine per triangle, three for each
 /// corner.
-pub const NORMAL: &str = "normal";
+pub(crate) const NORMAL: &str = "normal";
 
 /// A triangle mesh with fields, in the units of the file it came from.
 ///

@@ -6,7 +6,7 @@ use crate::parallel;
 use glam::DVec3;
 
 /// Name of the field of [`depth_field`].
-pub const DEPTH: &str = "depth";
+pub(crate) const DEPTH: &str = "depth";
 
 /// Triangles in a leaf of the tree.
 const LEAF: usize = 4;

@@ -1,7 +1,7 @@
 //! Statistics of a meshed domain.
 
 use super::{IslandReport, NonManifoldReport, OptimiserReport};
-use crate::mesh::{DIHEDRAL_BINS, dihedral_angles, signed_volume};
+use crate::mesh::{DIHEDRAL_BINS, TetQuality, signed_volume};
 use crate::parallel;
 use glam::DVec3;
 use web_time::Instant;
@@ -97,7 +97,7 @@ impl MeshReport {
         let parts = parallel::collect(tets.len(), |range, parts| {
             let (mut smallest, mut histogram, mut min, mut max) = none();
             for tet in &tets[range] {
-                let angles = dihedral_angles(corners(tet));
+                let angles = TetQuality::dihedral_angles(corners(tet));
                 let (mut least, mut most) = (180.0f64, 0.0f64);
                 for angle in angles {
                     let bin = (angle / 180.0 * DIHEDRAL_BINS as f64) as usize;
@@ -130,8 +130,8 @@ impl MeshReport {
     }
 }
 
-/// Returns the peak memory of the process, if /proc reports it.
-fn peak_memory() -> Option<u64> {
+/// Returns the peak memory of the process, in bytes, if /proc reports it.
+pub(crate) fn peak_memory() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     let kilobytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;

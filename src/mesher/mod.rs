@@ -37,6 +37,7 @@ pub(crate) use closed_surface::solid_angle;
 pub use closed_surface::{ClosedSurface, SurfaceDomain};
 pub use domain::{Domain, RegionVolume};
 pub use label_domain::LabelDomain;
+pub(crate) use mesh_report::peak_memory;
 pub use mesh_report::{MeshReport, RegionReport};
 pub use non_manifold::NonManifoldReport;
 pub use optimise::OptimiserReport;

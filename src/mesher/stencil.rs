@@ -8,7 +8,7 @@ use super::cut::{CutLattice, ON_BOUNDARY};
 use super::domain::Sampler;
 use super::junction::{Junctions, face_key};
 use super::lattice::LatticeMesh;
-use crate::mesh::{FACES, dihedral_angles, signed_volume};
+use crate::mesh::{FACES, TetQuality, signed_volume};
 use glam::DVec3;
 
 /// A tet and its region.
@@ -127,7 +127,7 @@ impl Stencils<'_> {
     fn region_of_moved(&self, tet: [u32; 4], sampler: &mut Sampler) -> u16 {
         let corners = tet.map(|p| self.nodes[p as usize]);
         let region = sampler.region(corners.into_iter().sum::<DVec3>() / 4.0);
-        let angles = dihedral_angles(corners);
+        let angles = TetQuality::dihedral_angles(corners);
         let good = angles
             .iter()
             .all(|a| (MIN_DIHEDRAL..MAX_DIHEDRAL).contains(a));

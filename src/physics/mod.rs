@@ -26,14 +26,13 @@ mod simulator;
 mod stability;
 mod state_format;
 
-pub use bodies::{BodiesState, MultiBody};
+pub(crate) use bodies::BodiesState;
+pub use bodies::MultiBody;
 #[cfg(test)]
 pub(crate) use contact::pseudo_random_points;
-pub use contact::{
-    DistanceField, Penetration, SelfContactSettings, Shape, SurfaceDistance, Tool, ToolId,
-    ToolPose, ToolProblem,
-};
-pub use cpu::{CpuGrid, CpuGridState, CpuState, CpuTets, Precision};
+pub use contact::{DistanceField, SelfContactSettings, Shape, Tool, ToolId, ToolPose};
+pub use cpu::{CpuGrid, CpuTets, Precision};
+pub(crate) use cpu::{CpuGridState, CpuState, outer};
 pub use engine_choice::EngineChoice;
 pub use fields::BodyField;
 pub use gpu::body::GpuBody;
@@ -41,12 +40,12 @@ pub use gpu::grid::body::GridBody;
 pub use gpu::grid::cut::GridCut;
 pub use gpu::grid::simulator::GpuGrid;
 pub use gpu::grid::state::GridState;
-pub use gpu::integrator;
-pub use gpu::simulator::{GpuTets, TetState};
+pub use gpu::simulator::GpuTets;
+pub(crate) use gpu::simulator::TetState;
 pub use gpu::solver::Solver;
 pub use gpu::state::{BodyState, SolverState};
 pub use gpu::stepper::Stepper;
-pub use gpu::{ExplicitEuler, ImplicitEuler, SymplecticEuler, VelocityVerlet, Verlet};
+pub use gpu::{ExplicitEuler, ImplicitEuler, SymplecticEuler, VelocityVerlet, Verlet, integrator};
 pub use loads::Loads;
 pub use loads::force_balance::ForceBalance;
 pub use loads::grab::{GrabId, GrabMode};
@@ -56,8 +55,8 @@ pub use loads::scaled_load::{AmplitudeId, Muscle, ScaledLoad};
 pub use model::clamped_end::ClampedEnd;
 pub use model::discrete_model::DiscreteModel;
 pub use model::discretisation::{Discretisation, Edge, SpringNetwork};
-pub(crate) use model::elements::eigen;
-pub use model::elements::{ConstitutiveModel, Element, ElementHessian, Elements, NewtonSettings};
+pub use model::elements::{ConstitutiveModel, Element, Elements};
+pub(crate) use model::elements::{NewtonSettings, eigen};
 pub use model::energy::Energy;
 pub use model::floor::Floor;
 pub use model::joint::{Joint, JointKind};
@@ -70,7 +69,7 @@ pub use model::solver_kind::SolverKind;
 pub use model::solver_settings::CgSettings;
 pub use model::tissue::{TISSUES, Tissue};
 pub use model::units::LocalUnits;
-pub use nodal_forces::NodalForces;
+pub(crate) use nodal_forces::NodalForces;
 #[cfg(feature = "rapier")]
 pub use rapier::RapierTets;
 pub use simulator::capability::Capability;

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 /// The constraint of one node.
 #[derive(Clone, Debug)]
-pub struct NodalForces {
+pub(crate) struct NodalForces {
     /// Node positions, m from the origin of the file's coordinates.
     places: Vec<DVec3>,
     /// Nodal forces, N.

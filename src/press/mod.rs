@@ -18,8 +18,9 @@ pub use interactive::InteractiveStage;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 pub use session::PressSession;
 pub use setup::PressSetup;
-pub use site::{PressSite, default_radius};
-pub use validity::{ContactProblem, contact_problem, curve_warnings, in_pieces};
+pub use site::PressSite;
+pub(crate) use validity::curve_warnings;
+pub use validity::in_pieces;
 
 use crate::gpu::Gpu;
 use crate::mesh::Topology;

@@ -1,6 +1,6 @@
 //! The scene of a press: a body on a table, with a fingertip.
 
-use super::site::default_radius;
+use super::site::PressSite;
 use super::table::Table;
 use crate::mesh::{TetMesh, Topology};
 use crate::number_format::significant;
@@ -79,7 +79,8 @@ impl PressSetup {
         radius: Option<f64>,
         table: Option<Table>,
     ) -> PressSetup {
-        let radius = radius.unwrap_or_else(|| default_radius(mesh, &Topology::new(mesh)));
+        let radius =
+            radius.unwrap_or_else(|| PressSite::default_radius(mesh, &Topology::new(mesh)));
         let (low, high) = mesh.bounds();
         let parking = 0.5 * (low + high) + DVec3::splat(PARKING_DISTANCE * low.distance(high));
         let dynamic = |t: &&ToolEntry| t.mass.is_some() || t.spring_stiffness.is_some();

@@ -28,9 +28,11 @@ pub struct PressSite {
     pub thickness: f64,
 }
 
-/// Returns the default radius of the fingertip on the body of `mesh`, in file units.
-pub fn default_radius(mesh: &TetMesh, topology: &Topology) -> f64 {
-    RADIUS_RATIO * topology.mean_chord(mesh)
+impl PressSite {
+    /// Returns the default radius of the fingertip on the body of `mesh`, in file units.
+    pub fn default_radius(mesh: &TetMesh, topology: &Topology) -> f64 {
+        RADIUS_RATIO * topology.mean_chord(mesh)
+    }
 }
 
 /// Boundary of a body with search structures.

@@ -20,7 +20,7 @@ const MIN_SAMPLES: usize = 8;
 
 /// Returns why the force–depth curve is not that of a fingertip on an elastic body, one sentence
 /// each with what to do; empty if it is.
-pub fn curve_warnings(samples: &[PressSample]) -> Vec<String> {
+pub(crate) fn curve_warnings(samples: &[PressSample]) -> Vec<String> {
     let way = |phase: &'static str| -> Vec<[f64; 2]> {
         let own = samples.iter().filter(move |s| s.phase == phase);
         own.map(|s| [s.depth_m, s.force_n]).collect()
@@ -116,7 +116,7 @@ fn interpolate(load: &[[f64; 2]], depth: f64) -> Option<f64> {
 
 /// A state of a press by hand in which its force has no meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ContactProblem {
+pub(crate) enum ContactProblem {
     /// The body pulls on the fingertip.
     Attraction,
     /// The fingertip is inside without touching the body.
@@ -147,7 +147,7 @@ impl fmt::Display for ContactProblem {
 }
 
 /// Returns the problem of the last of the `samples` (depth and force) of a press by hand, if any.
-pub fn contact_problem(samples: &[[f64; 2]]) -> Option<ContactProblem> {
+pub(crate) fn contact_problem(samples: &[[f64; 2]]) -> Option<ContactProblem> {
     let (&[depth, force], before) = samples.split_last()?;
     let most = samples.iter().map(|s| s[1].abs()).fold(0.0, f64::max);
     let deepest = samples.iter().map(|s| s[0]).fold(0.0, f64::max);

@@ -15,19 +15,21 @@ pub struct Hit {
     pub distance: f64,
 }
 
-/// Returns the closest intersection of `ray` with `triangles`, two-sided, by brute force; `None` if
-/// it misses all.
-pub fn closest_hit(vertices: &[DVec3], triangles: &[[u32; 3]], ray: Ray) -> Option<Hit> {
-    let hits = triangles.iter().enumerate().filter_map(|(i, corners)| {
-        let corners = corners.map(|v| vertices[v as usize] - ray.origin);
-        let (weights, distance) = intersect_ray(corners, ray.direction)?;
-        Some(Hit {
-            triangle: i,
-            weights,
-            distance,
-        })
-    });
-    hits.min_by(|a, b| a.distance.total_cmp(&b.distance))
+impl Hit {
+    /// Returns the closest intersection of `ray` with `triangles`, two-sided, by brute force; `None` if
+    /// it misses all.
+    pub fn closest(vertices: &[DVec3], triangles: &[[u32; 3]], ray: Ray) -> Option<Hit> {
+        let hits = triangles.iter().enumerate().filter_map(|(i, corners)| {
+            let corners = corners.map(|v| vertices[v as usize] - ray.origin);
+            let (weights, distance) = intersect_ray(corners, ray.direction)?;
+            Some(Hit {
+                triangle: i,
+                weights,
+                distance,
+            })
+        });
+        hits.min_by(|a, b| a.distance.total_cmp(&b.distance))
+    }
 }
 
 /// Returns barycentric coordinates and distance of the intersection of a ray from the origin with a

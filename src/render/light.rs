@@ -1,6 +1,7 @@
 //! Lighting of the volume: gradients at the nodes and their shading, in float64; reference of
 //! `shaders/render/node_gradients.wgsl` and `shaders/lib/shade.wgsl`.
 
+use super::Geometry;
 use crate::mesh::{FACES, NO_NEIGHBOUR, TetMesh, Topology, group_by_key};
 use crate::{Error, Result, parallel};
 use glam::DVec3;
@@ -126,66 +127,70 @@ impl NodeIncidence {
     }
 }
 
-/// Returns the gradient used for lighting at every node of `mesh` with node positions `positions`
-/// (local units): the volume-weighted mean of the tet gradients of `shares` (node scalars
-/// normalised to their range), plus, at boundaries, the direction into the body or between regions.
-pub fn node_gradients(
-    mesh: &TetMesh,
-    topology: &Topology,
-    positions: &[DVec3],
-    shares: &[f64],
-    cells: Option<&[f64]>,
-) -> Vec<DVec3> {
-    let around = NodeIncidence::new(mesh, topology, cells, |t| t as u32);
-    let of_node = |v: usize| {
-        let (mut rise, mut volume) = (DVec3::ZERO, 0.0);
-        let (mut area, mut areas) = (DVec3::ZERO, 0.0);
-        let own = around.firsts[v] as usize..around.firsts[v + 1] as usize;
-        for item in &around.items[own] {
-            let item = match (*item as usize).checked_sub(mesh.tets.len()) {
-                None => mesh.tets[*item as usize],
-                Some(end) => around.boundary_faces[end],
-            };
-            let p = positions[item[0] as usize];
-            let edge = |k: usize| positions[item[k] as usize] - p;
-            let (a, b) = (edge(1), edge(2));
-            if item[3] == NO_NEIGHBOUR {
-                area += a.cross(b);
-                areas += a.cross(b).length();
-                continue;
+impl Geometry {
+    /// Returns the gradient used for lighting at every node of `mesh` with node positions `positions`
+    /// (local units): the volume-weighted mean of the tet gradients of `shares` (node scalars
+    /// normalised to their range), plus, at boundaries, the direction into the body or between regions.
+    pub fn reference_node_gradients(
+        mesh: &TetMesh,
+        topology: &Topology,
+        positions: &[DVec3],
+        shares: &[f64],
+        cells: Option<&[f64]>,
+    ) -> Vec<DVec3> {
+        let around = NodeIncidence::new(mesh, topology, cells, |t| t as u32);
+        let of_node = |v: usize| {
+            let (mut rise, mut volume) = (DVec3::ZERO, 0.0);
+            let (mut area, mut areas) = (DVec3::ZERO, 0.0);
+            let own = around.firsts[v] as usize..around.firsts[v + 1] as usize;
+            for item in &around.items[own] {
+                let item = match (*item as usize).checked_sub(mesh.tets.len()) {
+                    None => mesh.tets[*item as usize],
+                    Some(end) => around.boundary_faces[end],
+                };
+                let p = positions[item[0] as usize];
+                let edge = |k: usize| positions[item[k] as usize] - p;
+                let (a, b) = (edge(1), edge(2));
+                if item[3] == NO_NEIGHBOUR {
+                    area += a.cross(b);
+                    areas += a.cross(b).length();
+                    continue;
+                }
+                let c = edge(3);
+                let more = |k: usize| shares[item[k] as usize] - shares[item[0] as usize];
+                rise += more(1) * b.cross(c) + more(2) * c.cross(a) + more(3) * a.cross(b);
+                volume += a.dot(b.cross(c));
             }
-            let c = edge(3);
-            let more = |k: usize| shares[item[k] as usize] - shares[item[0] as usize];
-            rise += more(1) * b.cross(c) + more(2) * c.cross(a) + more(3) * a.cross(b);
-            volume += a.dot(b.cross(c));
-        }
-        let mut gradient = DVec3::ZERO;
-        if volume.abs() > 1e-20 {
-            gradient = rise / volume;
-        }
-        if areas > 0.0 {
-            gradient += BOUNDARY_GRADIENT / areas * area;
-        }
-        gradient
-    };
-    (0..mesh.nodes.len()).map(of_node).collect()
+            let mut gradient = DVec3::ZERO;
+            if volume.abs() > 1e-20 {
+                gradient = rise / volume;
+            }
+            if areas > 0.0 {
+                gradient += BOUNDARY_GRADIENT / areas * area;
+            }
+            gradient
+        };
+        (0..mesh.nodes.len()).map(of_node).collect()
+    }
 }
 
-/// Returns the shading of a gradient for a ray with unit direction `ray`: the factor on colours and
-/// the specular term, which is added in proportion to opacity (Blinn 1977, after Phong).
-pub fn shade(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
-    let steep = gradient.length();
-    shade_by(
-        light,
-        gradient,
-        ray,
-        steep / (steep + GRADIENT_HALF_SATURATION),
-    )
-}
+impl Light {
+    /// Returns the shading of a gradient for a ray with unit direction `ray`: the factor on colours and
+    /// the specular term, which is added in proportion to opacity (Blinn 1977, after Phong).
+    pub fn shade(self, gradient: DVec3, ray: DVec3) -> [f64; 2] {
+        let steep = gradient.length();
+        shade_by(
+            self,
+            gradient,
+            ray,
+            steep / (steep + GRADIENT_HALF_SATURATION),
+        )
+    }
 
-/// As [`shade`], for a surface perpendicular to the gradient, independent of the gradient's length.
-pub fn shade_surface(light: Light, gradient: DVec3, ray: DVec3) -> [f64; 2] {
-    shade_by(light, gradient, ray, 1.0)
+    /// As [`Light::shade`], for a surface perpendicular to the gradient, independent of the gradient's length.
+    pub fn shade_surface(self, gradient: DVec3, ray: DVec3) -> [f64; 2] {
+        shade_by(self, gradient, ray, 1.0)
+    }
 }
 
 fn shade_by(light: Light, gradient: DVec3, ray: DVec3, weight: f64) -> [f64; 2] {
@@ -220,7 +225,8 @@ mod tests {
         let (low, high) = mesh.bounds();
         let slope = DVec3::new(1.0, -2.0, 0.5);
         let shares: Vec<f64> = mesh.nodes.iter().map(|p| p.dot(slope)).collect();
-        let found = node_gradients(&mesh, &topology, &mesh.nodes, &shares, None);
+        let found =
+            Geometry::reference_node_gradients(&mesh, &topology, &mesh.nodes, &shares, None);
         for (p, g) in mesh.nodes.iter().zip(&found) {
             let depth = (*p - low).min(high - *p);
             let inside = depth.min_element() > 1e-9;
@@ -254,16 +260,16 @@ mod tests {
     #[test]
     fn shading_is_two_sided_and_brightest_facing_light() {
         let ray = DVec3::NEG_Z;
-        let [faced, shine] = shade(Light::Head, DVec3::Z * 50.0, ray);
-        let [behind, _] = shade(Light::Head, DVec3::NEG_Z * 50.0, ray);
-        let [across, none] = shade(Light::Head, DVec3::X * 50.0, ray);
+        let [faced, shine] = Light::Head.shade(DVec3::Z * 50.0, ray);
+        let [behind, _] = Light::Head.shade(DVec3::NEG_Z * 50.0, ray);
+        let [across, none] = Light::Head.shade(DVec3::X * 50.0, ray);
         assert_eq!(faced, behind);
         assert!(faced > 1.0 && across < 0.5 && shine > 0.1 && none < 1e-9);
-        assert_eq!(shade(Light::Head, DVec3::ZERO, ray), [1.0, 0.0]);
-        assert_eq!(shade(Light::None, DVec3::Z, ray), [1.0, 0.0]);
-        let [flat, _] = shade(Light::Head, DVec3::X * 0.01, ray);
+        assert_eq!(Light::Head.shade(DVec3::ZERO, ray), [1.0, 0.0]);
+        assert_eq!(Light::None.shade(DVec3::Z, ray), [1.0, 0.0]);
+        let [flat, _] = Light::Head.shade(DVec3::X * 0.01, ray);
         assert!(flat > 0.99);
         // Light from behind has no half vector.
-        assert!(shade(Light::From(DVec3::NEG_Z), DVec3::Z, ray)[1] == 0.0);
+        assert!(Light::shade(Light::From(DVec3::NEG_Z), DVec3::Z, ray)[1] == 0.0);
     }
 }

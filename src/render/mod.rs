@@ -32,24 +32,23 @@ mod view;
 mod xray;
 
 pub use camera::{Camera, Projection, Ray};
-pub use closest_hit::{Hit, closest_hit};
+pub use closest_hit::Hit;
 pub use compare::ImageDifference;
 #[cfg(not(target_arch = "wasm32"))]
 pub use film::Animation;
 pub use geometry::{Geometry, Scalars, TableStatistics, local_positions};
 pub use image::{Background, BitDepth, Image};
-pub use light::{Light, node_gradients, shade, shade_surface};
+pub use light::Light;
 pub use pick::Pick;
-pub use ray_integral::{ReferenceRaycaster, Segment, segment_integral};
-pub use ray_segments::{RaySegment, RaySegments, ReferenceSegment, composite_intervals};
+pub use ray_integral::{ReferenceRaycaster, Segment};
+pub use ray_segments::{RaySegment, RaySegments, ReferenceSegment};
 pub use raycast_options::{MeshAccess, Mode, RaycastOptions, RaycastReport, Target, Traversal};
 pub use raycaster::{Raycaster, RegionAppearance};
-pub use scan::{LabelAppearance, MAX_SCANS, Scan, ScanAppearance};
+pub(crate) use scan::MAX_SCANS;
+pub use scan::{LabelAppearance, Scan, ScanAppearance};
 pub use sections::{Isosurface, Lighting, Plane, PlaneKind, Sections};
-pub use shadows::{DEFAULT_STRENGTH, node_shadows};
 pub use surface::{Shading, Surface, SurfaceColour, SurfaceTarget};
 pub use table::{TableKind, TableTexel};
-pub use tet_geometry::{tet_gradient, tet_planes};
 pub use transfer_function::{AbsoluteTransferFunction, TransferFunction};
 pub use xray::Xray;
 

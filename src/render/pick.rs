@@ -4,7 +4,7 @@
 //! tests as the start of the raycaster's rays. The readback is 36 bytes. If the positions come from
 //! the CPU, the test runs on the CPU and does not wait for the GPU.
 
-use super::closest_hit::closest_hit;
+use super::closest_hit::Hit;
 use super::geometry::Geometry;
 use super::view::{CameraTransform, ImageRegion, View};
 use super::{Camera, Ray};
@@ -106,7 +106,7 @@ impl Geometry {
         let ray = camera.ray(pixel, size);
         let corners = self.boundary_faces.iter().map(|&[a, b, c, _]| [a, b, c]);
         let triangles: Vec<[u32; 3]> = corners.collect();
-        let Some(hit) = closest_hit(positions, &triangles, ray) else {
+        let Some(hit) = Hit::closest(positions, &triangles, ray) else {
             return Ok(None);
         };
         let point = ray.origin + hit.distance * ray.direction;

@@ -238,7 +238,7 @@ impl ReferenceRaycaster {
         let mut sum = [0.0; 4];
         for segment in self.segments(ray) {
             let [enter, leave] = segment.t;
-            let part = segment_integral(transfer, segment.s[0], segment.s[1], leave - enter);
+            let part = transfer.segment_integral(segment.s[0], segment.s[1], leave - enter);
             let clear = 1.0 - sum[3];
             for k in 0..4 {
                 sum[k] += clear * part[k];
@@ -260,7 +260,7 @@ impl ReferenceRaycaster {
         let way = ray.direction.normalize_or_zero();
         for segment in self.segments(ray) {
             let [enter, leave] = segment.t;
-            let part = segment_integral(transfer, segment.s[0], segment.s[1], leave - enter);
+            let part = transfer.segment_integral(segment.s[0], segment.s[1], leave - enter);
             let middle = ray.origin + ray.direction * (0.5 * (enter + leave));
             let [factor, shine] = shade(segment.tet, middle, way);
             let clear = 1.0 - sum[3];
@@ -310,41 +310,38 @@ fn meets_box(ray: Ray, low: DVec3, high: DVec3) -> bool {
 const QUADRATURE_TOLERANCE: f64 = 1e-11;
 const QUADRATURE_DEPTH: u32 = 40;
 
-/// Returns emission and absorption along a segment of length `d` with a scalar that is linear from
-/// `s_front` to `s_back`: premultiplied colour and opacity.
-///
-/// The segment is split at the breakpoints of the transfer function. In each part the extinction is
-/// linear, so that the opacity is exact and the colour is a smooth integral (adaptive Gauss
-/// quadrature).
-pub fn segment_integral(
-    transfer: &AbsoluteTransferFunction,
-    s_front: f64,
-    s_back: f64,
-    d: f64,
-) -> [f64; 4] {
-    let mut cuts = vec![0.0];
-    if s_front != s_back {
-        let at = |node: &f64| (node - s_front) / (s_back - s_front);
-        let mut inner: Vec<f64> = transfer.breakpoints().iter().map(at).collect();
-        inner.retain(|u| *u > 0.0 && *u < 1.0);
-        inner.sort_by(f64::total_cmp);
-        cuts.extend(inner);
-    }
-    cuts.push(1.0);
-    let mut sum = [0.0; 4];
-    for pair in cuts.windows(2) {
-        let (u, width) = (pair[0], pair[1] - pair[0]);
-        // Colour and extinction are linear in a part: two inner points determine both, including
-        // jumps.
-        let inner = |w: f64| s_front + (s_back - s_front) * (u + w * width);
-        let piece = Piece::through(transfer, inner(0.25), inner(0.75), d * width);
-        let part = piece.integral();
-        let clear = 1.0 - sum[3];
-        for k in 0..4 {
-            sum[k] += clear * part[k];
+impl AbsoluteTransferFunction {
+    /// Returns emission and absorption along a segment of length `d` with a scalar that is linear from
+    /// `s_front` to `s_back`: premultiplied colour and opacity.
+    ///
+    /// The segment is split at the breakpoints of the self function. In each part the extinction is
+    /// linear, so that the opacity is exact and the colour is a smooth integral (adaptive Gauss
+    /// quadrature).
+    pub fn segment_integral(&self, s_front: f64, s_back: f64, d: f64) -> [f64; 4] {
+        let mut cuts = vec![0.0];
+        if s_front != s_back {
+            let at = |node: &f64| (node - s_front) / (s_back - s_front);
+            let mut inner: Vec<f64> = self.breakpoints().iter().map(at).collect();
+            inner.retain(|u| *u > 0.0 && *u < 1.0);
+            inner.sort_by(f64::total_cmp);
+            cuts.extend(inner);
         }
+        cuts.push(1.0);
+        let mut sum = [0.0; 4];
+        for pair in cuts.windows(2) {
+            let (u, width) = (pair[0], pair[1] - pair[0]);
+            // Colour and extinction are linear in a part: two inner points determine both, including
+            // jumps.
+            let inner = |w: f64| s_front + (s_back - s_front) * (u + w * width);
+            let piece = Piece::through(self, inner(0.25), inner(0.75), d * width);
+            let part = piece.integral();
+            let clear = 1.0 - sum[3];
+            for k in 0..4 {
+                sum[k] += clear * part[k];
+            }
+        }
+        sum
     }
-    sum
 }
 
 /// Part of a segment with linear colour and extinction: value at 0 and slope, u from 0 to 1.
@@ -454,7 +451,7 @@ mod tests {
                     sum[k] += clear * alpha * c;
                 }
             }
-            let exact = segment_integral(&tf, s0, s1, d);
+            let exact = tf.segment_integral(s0, s1, d);
             for k in 0..4 {
                 assert!(
                     (exact[k] - sum[k]).abs() < 2e-5,
@@ -470,7 +467,7 @@ mod tests {
             .unwrap()
             .to_absolute((0.0, 1.0), 1.0);
         let alpha = 1.0 - (-7.0f64 * 0.3).exp();
-        let got = segment_integral(&tf, 0.1, 0.8, 0.3);
+        let got = tf.segment_integral(0.1, 0.8, 0.3);
         for (got, expected) in got
             .into_iter()
             .zip([0.5 * alpha, 0.25 * alpha, alpha, alpha])

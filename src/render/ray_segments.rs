@@ -5,7 +5,7 @@
 //! whole body. Touching segments are merged, so the data exchanged between machines depend on the
 //! number of layers of the body, not on the number of pieces.
 
-use super::{AbsoluteTransferFunction, Image, Ray, ReferenceRaycaster, segment_integral};
+use super::{AbsoluteTransferFunction, Image, Ray, ReferenceRaycaster};
 use crate::{Error, Result};
 
 /// Maximum gap between the end of one segment and the start of the next for merging, in local
@@ -188,7 +188,7 @@ impl ReferenceRaycaster {
         let mut found: Vec<ReferenceSegment> = Vec::new();
         for segment in self.segments(ray) {
             let [enter, leave] = segment.t;
-            let own = segment_integral(transfer, segment.s[0], segment.s[1], leave - enter);
+            let own = transfer.segment_integral(segment.s[0], segment.s[1], leave - enter);
             match found.last_mut() {
                 Some((t, sum)) if enter - t[1] <= TOUCHING_EXACTLY * t[1] => {
                     *sum = over_exactly(*sum, own);
@@ -205,12 +205,14 @@ fn over_exactly(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     std::array::from_fn(|k| front[k] + (1.0 - front[3]) * back[k])
 }
 
-/// Composites the segments of one ray, given in any order, by depth in float64.
-pub fn composite_intervals(stretches: &[ReferenceSegment]) -> [f64; 4] {
-    let mut ordered = stretches.to_vec();
-    ordered.sort_by(|(a, _), (b, _)| a[0].total_cmp(&b[0]));
-    let seen = ordered.iter().map(|(_, seen)| *seen);
-    seen.fold([0.0; 4], over_exactly)
+impl ReferenceRaycaster {
+    /// Composites the segments of one ray, given in any order, by depth in float64.
+    pub fn composite_intervals(stretches: &[ReferenceSegment]) -> [f64; 4] {
+        let mut ordered = stretches.to_vec();
+        ordered.sort_by(|(a, _), (b, _)| a[0].total_cmp(&b[0]));
+        let seen = ordered.iter().map(|(_, seen)| *seen);
+        seen.fold([0.0; 4], over_exactly)
+    }
 }
 
 #[cfg(test)]

@@ -105,7 +105,7 @@ impl Raycaster {
 
     /// Returns the table result for `segments` (front scalar, back scalar, length; file units):
     /// premultiplied colour, and opacity. For comparison with
-    /// [`segment_integral`](crate::render::segment_integral). Waits and reads back.
+    /// [`AbsoluteTransferFunction::segment_integral`](crate::render::AbsoluteTransferFunction::segment_integral). Waits and reads back.
     ///
     /// # Errors
     /// An error if the device cannot hold the segments.

@@ -2,7 +2,7 @@
 //! `shaders/lib/sections.wgsl`.
 
 use super::AbsoluteTransferFunction;
-use super::ray_integral::{ReferenceRaycaster, Segment, segment_integral};
+use super::ray_integral::{ReferenceRaycaster, Segment};
 use super::table::TableRow;
 use super::transfer_function::named_colour;
 use crate::gpu::{Array, Gpu, Texel};
@@ -396,7 +396,7 @@ impl ReferenceRaycaster {
                     return;
                 }
                 let length = at(to, t) - at(from, t);
-                let [r, g, b, a] = segment_integral(transfer, at(from, s), at(to, s), length);
+                let [r, g, b, a] = transfer.segment_integral(at(from, s), at(to, s), length);
                 let middle = position(at(0.5 * (from + to), t));
                 let [factor, shine] = light.map_or([1.0, 0.0], |l| (l.volume)(tet, middle, way));
                 add([r, g, b].map(|c| factor * c + shine * a), a);

@@ -5,13 +5,12 @@
 //! marched through it from every node. The result depends on the body and its appearance, not on
 //! the camera.
 
+use super::Geometry;
 use super::light::{GRADIENT_HALF_SATURATION, Light};
 use super::sections::Sections;
 use crate::mesh::TetMesh;
 use glam::{DVec3, UVec3};
 
-/// Default shadow strength: the darkness of a point that receives no light.
-pub const DEFAULT_STRENGTH: f64 = 0.7;
 /// Minimum extent of the grid along an axis, relative to the largest extent.
 const FLAT: f64 = 1.0 / 64.0;
 /// Tolerance in cells, so that rounding does not add a cell.
@@ -163,57 +162,59 @@ fn weights(i: u32) -> [f64; 4] {
     [x, y, z, 1.0 - x - y - z]
 }
 
-/// Returns the fraction of light at every node of `mesh` with node positions `positions` (any unit
-/// of length) for shadows of the given strength; 1 is unshadowed. `rest` are the rest positions,
-/// for planes of `inside` fixed to the rest configuration, and `gradients` those used for lighting
-/// ([`node_gradients`](super::node_gradients)); `extinction` maps a tet and barycentric coordinates
-/// to the extinction per unit of length.
-pub fn node_shadows(
-    mesh: &TetMesh,
-    [positions, rest, gradients]: [&[DVec3]; 3],
-    light: Light,
-    strength: f64,
-    extinction: &dyn Fn(usize, [f64; 4]) -> f64,
-    inside: &Sections,
-) -> Vec<f64> {
-    let ShadowResolution { cells, points } = ShadowResolution::of(mesh.tets.len());
-    let mut grid = ShadowGrid::over(positions, cells);
-    for (t, tet) in mesh.tets.iter().enumerate() {
-        let p = tet.map(|v| positions[v as usize]);
-        let r = tet.map(|v| rest[v as usize]);
-        let cells_wide = crate::mesh::signed_volume(p).abs() / grid.cell.powi(3);
-        // Tets larger than a cell get proportionally more sample points.
-        let own = (f64::from(points) * cells_wide).min(MAX_GRID_POINTS).ceil() as u32;
-        let own = own.max(points);
-        let share = cells_wide / f64::from(own);
-        // Vary the points between tets: equal points would alias with the cells.
-        let first = (tet.iter().fold(0u32, |sum, v| sum.wrapping_add(*v)) & 255) * points;
-        for i in first..first + own {
-            let w = weights(i);
-            let mixed = |q: &[DVec3; 4]| (0..4).map(|k| w[k] * q[k]).sum::<DVec3>();
-            let place = mixed(&p);
-            if inside.is_clipped(place, mixed(&r)) {
-                continue;
-            }
-            if let Some(k) = grid.at((place - grid.low) / grid.cell) {
-                grid.extinction[k] += share * extinction(t, w);
+impl Geometry {
+    /// Returns the fraction of light at every node of `mesh` with node positions `positions` (any unit
+    /// of length) for shadows of the given strength; 1 is unshadowed. `rest` are the rest positions,
+    /// for planes of `inside` fixed to the rest configuration, and `gradients` those used for lighting
+    /// ([`Geometry::reference_node_gradients`]); `extinction` maps a tet and barycentric coordinates
+    /// to the extinction per unit of length.
+    pub fn reference_node_shadows(
+        mesh: &TetMesh,
+        [positions, rest, gradients]: [&[DVec3]; 3],
+        light: Light,
+        strength: f64,
+        extinction: &dyn Fn(usize, [f64; 4]) -> f64,
+        inside: &Sections,
+    ) -> Vec<f64> {
+        let ShadowResolution { cells, points } = ShadowResolution::of(mesh.tets.len());
+        let mut grid = ShadowGrid::over(positions, cells);
+        for (t, tet) in mesh.tets.iter().enumerate() {
+            let p = tet.map(|v| positions[v as usize]);
+            let r = tet.map(|v| rest[v as usize]);
+            let cells_wide = crate::mesh::signed_volume(p).abs() / grid.cell.powi(3);
+            // Tets larger than a cell get proportionally more sample points.
+            let own = (f64::from(points) * cells_wide).min(MAX_GRID_POINTS).ceil() as u32;
+            let own = own.max(points);
+            let share = cells_wide / f64::from(own);
+            // Vary the points between tets: equal points would alias with the cells.
+            let first = (tet.iter().fold(0u32, |sum, v| sum.wrapping_add(*v)) & 255) * points;
+            for i in first..first + own {
+                let w = weights(i);
+                let mixed = |q: &[DVec3; 4]| (0..4).map(|k| w[k] * q[k]).sum::<DVec3>();
+                let place = mixed(&p);
+                if inside.is_clipped(place, mixed(&r)) {
+                    continue;
+                }
+                if let Some(k) = grid.at((place - grid.low) / grid.cell) {
+                    grid.extinction[k] += share * extinction(t, w);
+                }
             }
         }
+        let ways = LightDirections::to(light, cells);
+        let of_node = |(p, gradient): (&DVec3, &DVec3)| {
+            // Start outside the surface of the node to avoid self-shadowing.
+            let out = SURFACE_OFFSET * *gradient / gradient.length().max(GRADIENT_HALF_SATURATION);
+            let start = (*p - grid.low) / grid.cell - out;
+            let light = ways.list.iter().map(|way| {
+                let cells = (1..=ways.steps).map_while(|k| grid.at(start + f64::from(k) * *way));
+                let passed: f64 = cells.map(|k| grid.extinction[k]).sum();
+                (-passed * grid.cell).exp()
+            });
+            let share = ways.normalisation * light.sum::<f64>() / ways.list.len() as f64;
+            brightness(share, strength)
+        };
+        positions.iter().zip(gradients).map(of_node).collect()
     }
-    let ways = LightDirections::to(light, cells);
-    let of_node = |(p, gradient): (&DVec3, &DVec3)| {
-        // Start outside the surface of the node to avoid self-shadowing.
-        let out = SURFACE_OFFSET * *gradient / gradient.length().max(GRADIENT_HALF_SATURATION);
-        let start = (*p - grid.low) / grid.cell - out;
-        let light = ways.list.iter().map(|way| {
-            let cells = (1..=ways.steps).map_while(|k| grid.at(start + f64::from(k) * *way));
-            let passed: f64 = cells.map(|k| grid.extinction[k]).sum();
-            (-passed * grid.cell).exp()
-        });
-        let share = ways.normalisation * light.sum::<f64>() / ways.list.len() as f64;
-        brightness(share, strength)
-    };
-    positions.iter().zip(gradients).map(of_node).collect()
 }
 
 #[cfg(test)]
@@ -238,7 +239,7 @@ mod tests {
     /// Returns the gradients used for lighting of a constant scalar.
     fn ends_only(mesh: &TetMesh) -> Vec<DVec3> {
         let same = vec![0.0; mesh.nodes.len()];
-        super::super::node_gradients(mesh, &Topology::new(mesh), &mesh.nodes, &same, None)
+        Geometry::reference_node_gradients(mesh, &Topology::new(mesh), &mesh.nodes, &same, None)
     }
 
     #[test]
@@ -251,7 +252,7 @@ mod tests {
         let gradients = ends_only(&mesh);
         let at = [&mesh.nodes[..], &mesh.nodes[..], &gradients[..]];
         let light = Light::From(DVec3::Z);
-        let found = node_shadows(&mesh, at, light, 1.0, &dense, &plain);
+        let found = Geometry::reference_node_shadows(&mesh, at, light, 1.0, &dense, &plain);
         let mut top = 0;
         for (p, bright) in mesh.nodes.iter().zip(&found) {
             // The optical depth of a ray straight to the light matches within one or two cells.
@@ -267,7 +268,14 @@ mod tests {
         }
         assert!(top > 50);
         // A face sees half of the sky, an edge more, the centre almost nothing.
-        let found = node_shadows(&mesh, at, Light::Head, 0.5, &|_, _| 200.0 / size, &plain);
+        let found = Geometry::reference_node_shadows(
+            &mesh,
+            at,
+            Light::Head,
+            0.5,
+            &|_, _| 200.0 / size,
+            &plain,
+        );
         for (p, bright) in mesh.nodes.iter().zip(&found) {
             let near = (*p - low).min(high - *p);
             match near.min_element() {
@@ -292,8 +300,8 @@ mod tests {
         let at = [&mesh.nodes[..], &mesh.nodes[..], &gradients[..]];
         let dense = |_: usize, _: [f64; 4]| 50.0 / size;
         let light = Light::From(DVec3::Z);
-        let [whole, half] =
-            [&Sections::default(), &cut].map(|i| node_shadows(&mesh, at, light, 1.0, &dense, i));
+        let [whole, half] = [&Sections::default(), &cut]
+            .map(|i| Geometry::reference_node_shadows(&mesh, at, light, 1.0, &dense, i));
         let near = |p: &DVec3| (middle.z - p.z).abs() < 0.02 * size;
         let inner = |p: &DVec3| (p.truncate() - middle.truncate()).abs().max_element() < 0.2 * size;
         let mut seen = 0;

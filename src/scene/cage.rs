@@ -29,7 +29,7 @@ const NODES: usize = 2000;
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CageEntry {
+pub(crate) struct CageEntry {
     /// Approximate number of nodes; default 2,000.
     pub nodes: Option<usize>,
     /// Kind of discretisation.

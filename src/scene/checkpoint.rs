@@ -15,7 +15,7 @@ use flate2::Crc;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// First line of the file: its type and the version of Palpate that wrote it. Steps and cuts may
 /// differ between versions.
@@ -149,8 +149,10 @@ pub(crate) fn scene_hash(scene: &Scene) -> u32 {
     // A key under its old name does not change the scene.
     plain.notes.clear();
     let mut file = |path: &mut std::path::PathBuf| {
-        // A file that cannot be read has caused an error earlier.
-        crc.update(&std::fs::read(&*path).unwrap_or_default());
+        for part in files_of(path) {
+            // A file that cannot be read has caused an error earlier.
+            crc.update(&std::fs::read(part).unwrap_or_default());
+        }
         *path = path.file_name().unwrap_or_default().into();
     };
     let moves = plain.moves.iter_mut().filter_map(|m| m.file.as_mut());
@@ -164,7 +166,14 @@ pub(crate) fn scene_hash(scene: &Scene) -> u32 {
         skin.normal_map.iter_mut().for_each(&mut file);
         skin.height_map.iter_mut().for_each(&mut file);
     }
-    for transfer in plain.picture.transfer_files() {
+    for scan in &mut plain.scan {
+        file(&mut scan.file);
+    }
+    let of_scans = plain
+        .scan
+        .iter_mut()
+        .filter_map(|scan| scan.transfer_file());
+    for transfer in plain.picture.transfer_files().chain(of_scans) {
         let mut path = transfer.as_str().into();
         file(&mut path);
         *transfer = path.to_string_lossy().into_owned();
@@ -178,6 +187,18 @@ pub(crate) fn scene_hash(scene: &Scene) -> u32 {
     }
     crc.update(format!("{plain:?}").as_bytes());
     crc.sum()
+}
+
+/// Returns the file itself, or the files of a folder of slices by name.
+fn files_of(path: &Path) -> Vec<PathBuf> {
+    match std::fs::read_dir(path) {
+        Ok(entries) => {
+            let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+            files.sort();
+            files
+        }
+        Err(_) => vec![path.to_owned()],
+    }
 }
 
 /// Returns a checksum of the nodes, tetrahedra and fields of a mesh.

@@ -16,7 +16,7 @@ const LAYOUT: u32 = 1;
 
 /// Global data of the mesh, stored with each piece.
 #[derive(Clone, Debug, Deserialize, Serialize)]
-pub struct MeshManifest {
+pub(crate) struct MeshManifest {
     layout: u32,
     /// Number of pieces.
     pub pieces: usize,

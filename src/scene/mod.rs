@@ -74,22 +74,22 @@ mod trajectory;
 mod xray;
 
 pub use annotations::PictureWriter;
-pub use cage::CageEntry;
+pub(crate) use cage::CageEntry;
 pub use checkpoint::Checkpoint;
 pub(crate) use checkpoint::scene_hash;
 pub use entries::*;
-pub use material::{MaterialEntry, TissueEntry, TissueTable};
-pub use mesh_manifest::MeshManifest;
+pub use material::MaterialEntry;
+pub(crate) use material::{TissueEntry, TissueTable};
 pub use mesh_source::ScalarField;
 pub use motion::Motion;
 pub(crate) use picture::DEFAULT_SIZE;
 pub use pieces::{Piece, write_pieces};
 pub use preloaded::Preloaded;
 pub use reactions::ReactionLog;
-pub use region::{Axis, LabelOrName, Region};
+pub(crate) use region::{Axis, LabelOrName, Region};
 #[cfg(feature = "study")]
 pub(crate) use stage::median_ms;
-pub use stage::{CgReport, FieldRanges, PendingImage, STEPS, Stage, StageReport, ToolReport};
+pub use stage::{CgReport, FieldRanges, PendingImage, Stage, StageReport, ToolReport};
 
 use crate::files;
 use crate::physics::EngineChoice;
@@ -115,45 +115,45 @@ pub struct Scene {
     pub solver: SolverEntry,
     /// Fixed nodes.
     #[serde(default)]
-    pub pin: Vec<Region>,
+    pub(crate) pin: Vec<Region>,
     /// Forces on groups of nodes.
     #[serde(default)]
-    pub force: Vec<ForceEntry>,
+    pub(crate) force: Vec<ForceEntry>,
     /// Masses that move with groups of nodes.
     #[serde(default)]
-    pub mass: Vec<MassEntry>,
+    pub(crate) mass: Vec<MassEntry>,
     /// Replaces the tetrahedra by a grid of particles.
-    pub grid: Option<GridEntry>,
+    pub(crate) grid: Option<GridEntry>,
     /// Simulates a coarse cage in which the mesh is embedded, instead of the mesh.
-    pub cage: Option<CageEntry>,
+    pub(crate) cage: Option<CageEntry>,
     /// A floor in contact with the body.
-    pub floor: Option<FloorEntry>,
+    pub(crate) floor: Option<FloorEntry>,
     /// Grabs and their paths.
     #[serde(default)]
-    pub grab: Vec<GrabEntry>,
+    pub(crate) grab: Vec<GrabEntry>,
     /// Pressures on patches of the boundary.
     #[serde(default)]
-    pub pressure: Vec<PressureEntry>,
+    pub(crate) pressure: Vec<PressureEntry>,
     /// Nodes with prescribed displacement.
     #[serde(default, rename = "move")]
-    pub moves: Vec<MoveEntry>,
+    pub(crate) moves: Vec<MoveEntry>,
     /// Contracting regions.
     #[serde(default)]
-    pub muscle: Vec<MuscleEntry>,
+    pub(crate) muscle: Vec<MuscleEntry>,
     /// Tools in contact with the body.
     #[serde(default)]
-    pub tool: Vec<ToolEntry>,
+    pub(crate) tool: Vec<ToolEntry>,
     /// The dynamic tools, which are regions of the mesh: see [`Scene::with_dynamic_tools`].
     #[serde(skip)]
     pub(crate) carried: Vec<ToolEntry>,
     /// Joints between rigid regions.
     #[serde(default)]
-    pub joint: Vec<JointEntry>,
+    pub(crate) joint: Vec<JointEntry>,
     /// Self-contact of the body.
-    pub contact: Option<ContactEntry>,
+    pub(crate) contact: Option<ContactEntry>,
     /// Cuts of the body.
     #[serde(default)]
-    pub cut: Vec<CutEntry>,
+    pub(crate) cut: Vec<CutEntry>,
     /// Surfaces embedded in the body.
     #[serde(default)]
     pub skin: Vec<SkinEntry>,
@@ -228,6 +228,11 @@ pub struct PlannedRun {
     pub draws_frames: bool,
 }
 
+impl PlannedRun {
+    /// Number of steps before a picture, if the scene has a solver and does not state it.
+    pub const DEFAULT_STEPS: u32 = 50;
+}
+
 impl Scene {
     /// Whether its loads or the motion of its tools depend on time.
     pub fn is_time_dependent(&self) -> bool {
@@ -286,7 +291,7 @@ impl Scene {
         }
         for scan in &mut scene.scan {
             scan.file = folder.join(&scan.file);
-            if let Some(json) = scan.transfer.as_mut().filter(|t| t.ends_with(".json")) {
+            if let Some(json) = scan.transfer_file() {
                 *json = folder.join(&json).to_string_lossy().into_owned();
             }
         }
@@ -302,6 +307,12 @@ impl Scene {
     /// [`Error::Input`] with the line of the error.
     pub fn parse(text: &str) -> Result<Scene> {
         renamed_keys::parse(text).map_err(|e| Error::Input(e.to_string()))
+    }
+
+    /// Whether its stage creates the mesh from several bodies or as a grid, and not from the entry
+    /// `mesh` alone.
+    pub fn creates_meshes(&self) -> bool {
+        !self.body.is_empty() || self.grid.is_some()
     }
 
     /// Returns notes of keys of the scene file that have new names. [`Stage::notes`] contains them.

@@ -6,7 +6,7 @@ use super::picture::{DEFAULT_SIZE, DisplayMode};
 use super::{PictureEntry, Scene};
 use crate::gpu::Gpu;
 use crate::io;
-use crate::mesh::{MeshPartition, MeshPiece, TetMesh, Topology, kd_partition};
+use crate::mesh::{MeshPartition, MeshPiece, TetMesh, Topology};
 use crate::render::{Background, Geometry, Image, Mode, RaySegments, Raycaster, local_positions};
 use crate::{Error, Result};
 use std::path::Path;
@@ -25,7 +25,7 @@ pub fn write_pieces(path: impl AsRef<Path>, mesh: &TetMesh, count: usize) -> Res
             path.display()
         )));
     }
-    let part_of = kd_partition(mesh, count)?;
+    let part_of = MeshPartition::kd_parts(mesh, count)?;
     let (whole, extra) = MeshManifest::new(mesh, count)?;
     let manifest = whole.to_bytes()?;
     let held;
@@ -63,11 +63,6 @@ impl Piece {
     /// Returns its tetrahedra, followed by the ghost cells of its neighbours.
     pub fn mesh(&self) -> &MeshPiece {
         &self.piece
-    }
-
-    /// Returns the global data of the mesh.
-    pub fn whole(&self) -> &MeshManifest {
-        &self.whole
     }
 
     /// Computes the ray segments within this piece for the picture that `scene` describes. The mesh

@@ -20,7 +20,7 @@ use std::fmt;
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Region {
+pub(crate) struct Region {
     /// Name of a pin of these nodes in reaction files; default `pin1`, `pin2` …
     pub name: Option<String>,
     /// Inside the axis-aligned box between these corners.
@@ -59,7 +59,7 @@ pub struct Region {
     expecting = "a region must be given by its label (an integer) or its name"
 )]
 #[allow(missing_docs)]
-pub enum LabelOrName {
+pub(crate) enum LabelOrName {
     Label(i64),
     Name(String),
 }
@@ -82,7 +82,7 @@ impl LabelOrName {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[allow(missing_docs)]
-pub enum Axis {
+pub(crate) enum Axis {
     X,
     Y,
     Z,

@@ -178,3 +178,86 @@ fn missing_values_are_left_out_of_the_range_and_noted() {
     let error = seen("none").unwrap_err().to_string();
     assert!(error.contains("must have finite values"), "{error}");
 }
+
+#[test]
+fn region_bounds_use_mesh_unit() {
+    let bar = generate::paper_bar().unwrap();
+    let nodes = |toml: &str| {
+        let scene = Scene::parse(&format!("[[pin]]\n{toml}")).unwrap();
+        scene.pin[0].nodes(&bar)
+    };
+    let (low, high) = bar.bounds();
+    let middle = 0.5 * (low + high);
+    for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+        let below = nodes(&format!("{axis}_below = {}", middle[k])).unwrap();
+        let above = nodes(&format!("{axis}_above = {}", middle[k])).unwrap();
+        let at = |v: &u32| bar.nodes[*v as usize][k];
+        assert!(below.iter().all(|v| at(v) <= middle[k]));
+        assert!(above.iter().all(|v| at(v) >= middle[k]));
+        let both = (0..bar.nodes.len() as u32).filter(|v| at(v) == middle[k]);
+        assert_eq!(below.len() + above.len(), bar.nodes.len() + both.count());
+        // Half of the extent is the same position.
+        let part = nodes(&format!("axis = \"{axis}\"\nbelow = 0.5")).unwrap();
+        assert_eq!(part, below);
+    }
+    let corner = format!("x_below = {}\nz_above = {}", low.x, high.z);
+    assert!(nodes(&corner).unwrap().iter().all(|v| {
+        let p = bar.nodes[*v as usize];
+        p.x == low.x && p.z == high.z
+    }));
+    let said = nodes("axis = \"y\"\nabove = 0.5\nz_below = -0.6")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        said.contains("{ axis = \"y\", above = 0.5, z_below = -0.6 }"),
+        "{said}"
+    );
+    let said = nodes("label = \"hip\"\nbox = [[0, 0, 0], [1, 1, 1]]")
+        .unwrap_err()
+        .to_string();
+    assert!(said.contains("hip"), "{said}");
+    // Regions created by code are checked as well.
+    let made = Region {
+        axis: Some(super::Axis::Z),
+        below: Some(-0.6),
+        ..Region::default()
+    };
+    assert!(
+        made.nodes(&bar)
+            .unwrap_err()
+            .to_string()
+            .contains("z_below")
+    );
+}
+
+#[test]
+fn scene_hash_covers_scan_files_and_not_their_folders() {
+    let root = tempfile::tempdir().unwrap();
+    let write = |folder: &str, name: &str, text: &str| {
+        let folder = root.path().join(folder);
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join(name), text).unwrap();
+        folder
+    };
+    let hash = |folder: &std::path::Path, scan: &str| {
+        let text = format!("[scan]\nfile = \"{scan}\"\ntransfer = \"t.json\"\n");
+        super::scene_hash(&Scene::parse_in(&text, folder).unwrap())
+    };
+    let one = write("one", "a.nrrd", "scan");
+    let two = write("two", "a.nrrd", "scan");
+    write("one", "t.json", "transfer");
+    write("two", "t.json", "transfer");
+    assert_eq!(hash(&one, "a.nrrd"), hash(&two, "a.nrrd"));
+    write("two", "a.nrrd", "other scan");
+    assert_ne!(hash(&one, "a.nrrd"), hash(&two, "a.nrrd"));
+    write("two", "a.nrrd", "scan");
+    write("two", "t.json", "other transfer");
+    assert_ne!(hash(&one, "a.nrrd"), hash(&two, "a.nrrd"));
+    // A folder of slices.
+    write("one/slices", "1.dcm", "slice");
+    write("two/slices", "1.dcm", "slice");
+    write("two", "t.json", "transfer");
+    assert_eq!(hash(&one, "slices"), hash(&two, "slices"));
+    write("two/slices", "1.dcm", "other slice");
+    assert_ne!(hash(&one, "slices"), hash(&two, "slices"));
+}

@@ -1,6 +1,5 @@
 //! The base mesh of a skin: node positions on the GPU, surface triangles, node normals.
 
-use super::basis::node_normals;
 use super::binder::triangles_around;
 use super::binding::BaseMesh;
 use crate::gpu::{Array, Gpu, Pass, Recorder, Texel};
@@ -114,7 +113,7 @@ impl SkinBase {
         let refresh = pass(positions, &normals)?;
         let rest_normals = match cfg!(target_arch = "wasm32") {
             // A browser cannot block on a read-back; the CPU normals differ only by rounding.
-            true => node_normals(rest, triangles)
+            true => BaseMesh::reference_normals(rest, triangles)
                 .into_iter()
                 .map(|n| n.map_or(NO_NORMAL, pack_normal))
                 .collect(),

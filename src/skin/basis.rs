@@ -6,6 +6,7 @@
 //! here: the printed N of equation 6 and N_c and B_c of equation 8 are not of length 1, so a vertex
 //! would not return to its rest position.
 
+use super::binding::BaseMesh;
 use glam::{DMat3, DVec3};
 
 /// Sines, and lengths of sums of unit vectors, below this count as zero.
@@ -41,7 +42,7 @@ pub struct SkinnedVertex {
 
 /// Returns T, N and B of the triangle `p` as columns (equation 6, N normalised), or `None` if it is
 /// degenerate: N shorter than 10⁻⁴.
-pub fn triangle_frame([p1, p2, p3]: [DVec3; 3]) -> Option<DMat3> {
+pub(crate) fn triangle_frame([p1, p2, p3]: [DVec3; 3]) -> Option<DMat3> {
     let tangent = (p2 - p1).normalize_or_zero();
     let normal = tangent.cross((p3 - p1).normalize_or_zero());
     let size = normal.length();
@@ -54,7 +55,7 @@ pub fn triangle_frame([p1, p2, p3]: [DVec3; 3]) -> Option<DMat3> {
 /// Returns T_c, N_c and B_c as columns (equation 8, normalised) for the edge direction `tangent`
 /// and the weighted sum `normal` of the node normals, or `None` if the sum vanishes or is parallel
 /// to the edge.
-pub fn interpolated_frame(tangent: DVec3, normal: DVec3) -> Option<DMat3> {
+pub(crate) fn interpolated_frame(tangent: DVec3, normal: DVec3) -> Option<DMat3> {
     let size = normal.length();
     if size.is_nan() || size <= DEGENERATE {
         return None;
@@ -68,64 +69,66 @@ pub fn interpolated_frame(tangent: DVec3, normal: DVec3) -> Option<DMat3> {
     })
 }
 
-/// Returns the basis of a vertex: the interpolated one if requested and defined, else that of the
-/// triangle, else any with the edge p₁p₂ as T.
-pub fn basis(interpolated: bool, p: [DVec3; 3], normal: DVec3) -> DMat3 {
-    let tangent = (p[1] - p[0]).normalize_or_zero();
-    let smooth = || interpolated_frame(tangent, normal);
-    interpolated
-        .then(smooth)
-        .flatten()
-        .or_else(|| triangle_frame(p))
-        .unwrap_or_else(|| {
-            let tangent = if tangent == DVec3::ZERO {
-                DVec3::X
-            } else {
-                tangent
-            };
-            let axis = if tangent.x.abs() < 0.7 {
-                DVec3::X
-            } else {
-                DVec3::Y
-            };
-            let normal = tangent.cross(axis).normalize();
-            DMat3::from_cols(tangent, normal, normal.cross(tangent))
-        })
+impl VertexBinding {
+    /// Returns the basis of a vertex: the interpolated one if requested and defined, else that of the
+    /// triangle, else any with the edge p₁p₂ as T.
+    pub fn basis(interpolated: bool, p: [DVec3; 3], normal: DVec3) -> DMat3 {
+        let tangent = (p[1] - p[0]).normalize_or_zero();
+        let smooth = || interpolated_frame(tangent, normal);
+        interpolated
+            .then(smooth)
+            .flatten()
+            .or_else(|| triangle_frame(p))
+            .unwrap_or_else(|| {
+                let tangent = if tangent == DVec3::ZERO {
+                    DVec3::X
+                } else {
+                    tangent
+                };
+                let axis = if tangent.x.abs() < 0.7 {
+                    DVec3::X
+                } else {
+                    DVec3::Y
+                };
+                let normal = tangent.cross(axis).normalize();
+                DMat3::from_cols(tangent, normal, normal.cross(tangent))
+            })
+    }
 }
 
 /// Returns Σ wᵢ N_a(i) over the nodes that have a normal (equation 8).
-pub fn interpolated_normal(weights: [f64; 3], normals: [Option<DVec3>; 3]) -> DVec3 {
+pub(crate) fn interpolated_normal(weights: [f64; 3], normals: [Option<DVec3>; 3]) -> DVec3 {
     (0..3)
         .map(|k| weights[k] * normals[k].unwrap_or(DVec3::ZERO))
         .sum()
 }
 
-/// Computes the deformed vertex (equation 9). `normals` are the unpacked packed or approximate node
-/// normals; `None` for a node without a normal.
-pub fn skin_vertex(
-    bound: &VertexBinding,
-    nodes: &[DVec3],
-    normals: &[Option<DVec3>],
-) -> SkinnedVertex {
-    let p = bound.nodes.map(|i| nodes[i as usize]);
-    let n = bound.nodes.map(|i| normals[i as usize]);
-    let w = bound.weights;
-    let frame = basis(bound.interpolated, p, interpolated_normal(w, n));
-    SkinnedVertex {
-        position: w[0] * p[0] + w[1] * p[1] + w[2] * p[2] + frame * bound.offset,
-        normal: frame * bound.normal,
-        tangent: frame * bound.tangent,
+impl VertexBinding {
+    /// Computes the deformed vertex (equation 9). `normals` are the unpacked packed or approximate node
+    /// normals; `None` for a node without a normal.
+    pub fn skin(&self, nodes: &[DVec3], normals: &[Option<DVec3>]) -> SkinnedVertex {
+        let p = self.nodes.map(|i| nodes[i as usize]);
+        let n = self.nodes.map(|i| normals[i as usize]);
+        let w = self.weights;
+        let frame = VertexBinding::basis(self.interpolated, p, interpolated_normal(w, n));
+        SkinnedVertex {
+            position: w[0] * p[0] + w[1] * p[1] + w[2] * p[2] + frame * self.offset,
+            normal: frame * self.normal,
+            tangent: frame * self.tangent,
+        }
     }
 }
 
-/// Computes the area-weighted normal of every node; `None` if the triangle normals cancel or the
-/// node has no triangle. CPU reference of `shaders/skin/node_normals.wgsl`.
-pub fn node_normals(nodes: &[DVec3], triangles: &[[u32; 3]]) -> Vec<Option<DVec3>> {
-    let mut sums = vec![DVec3::ZERO; nodes.len()];
-    for triangle in triangles {
-        let [a, b, c] = triangle.map(|v| nodes[v as usize]);
-        let area = (b - a).cross(c - a);
-        triangle.iter().for_each(|v| sums[*v as usize] += area);
+impl BaseMesh<'_> {
+    /// Computes the area-weighted normal of every node; `None` if the triangle normals cancel or the
+    /// node has no triangle. CPU reference of `shaders/skin/node_normals.wgsl`.
+    pub fn reference_normals(nodes: &[DVec3], triangles: &[[u32; 3]]) -> Vec<Option<DVec3>> {
+        let mut sums = vec![DVec3::ZERO; nodes.len()];
+        for triangle in triangles {
+            let [a, b, c] = triangle.map(|v| nodes[v as usize]);
+            let area = (b - a).cross(c - a);
+            triangle.iter().for_each(|v| sums[*v as usize] += area);
+        }
+        sums.into_iter().map(DVec3::try_normalize).collect()
     }
-    sums.into_iter().map(DVec3::try_normalize).collect()
 }

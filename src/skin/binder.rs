@@ -3,7 +3,7 @@
 use super::binding::{BaseMesh, Mapping};
 use super::vertices::Vertices;
 use crate::mesh::{LocalFrame, TriangleBvh, unpack_normal};
-use crate::skin::basis::{VertexBinding, basis, interpolated_normal, skin_vertex};
+use crate::skin::basis::{VertexBinding, interpolated_normal};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -230,7 +230,7 @@ impl<'a> Binder<'a> {
         let weights = rounded(seat.weights);
         let p = self.corners(seat.nodes);
         let normal = interpolated_normal(weights, self.corner_normals(seat.nodes));
-        let frame = basis(interpolated, p, normal).transpose();
+        let frame = VertexBinding::basis(interpolated, p, normal).transpose();
         VertexBinding {
             nodes: seat.nodes,
             interpolated,
@@ -304,7 +304,7 @@ impl<'a> Binder<'a> {
         let mut bound = self.bind_at(vertex, seat, true);
         bound.offset = DVec3::new(0.0, bound.offset.y, 0.0);
         // Check: with the correct foot there is no tangential remainder.
-        let back = skin_vertex(&bound, self.nodes, &self.normals).position;
+        let back = bound.skin(self.nodes, &self.normals).position;
         (back.distance(vertex.position) < ZERO_DISTANCE).then_some(bound)
     }
 

@@ -96,41 +96,43 @@ pub struct BindingReport {
     pub longest_offset: f64,
 }
 
-/// Binds every vertex to the closest non-degenerate base triangle. `frame` is the local frame of
-/// the nodes. Time O(v log t), in parallel.
-///
-/// # Errors
-/// [`Error::Input`] if there is no triangle to bind to, one refers to a node that does not exist,
-/// or lists differ in length.
-pub fn bind(
-    base: &BaseMesh,
-    vertices: &Vertices,
-    frame: &LocalFrame,
-    mapping: Mapping,
-) -> Result<(Vec<VertexBinding>, BindingReport)> {
-    let binder = Binder::new(base, mapping)?;
-    let bound = parallel::map(vertices.positions.len(), |v| {
-        binder.bind(&Vertex::new(vertices, v, frame), mapping, &|_| true)
-    });
-    let mut report = BindingReport {
-        flat_triangles: base.triangles.len() - binder.count(),
-        ..BindingReport::default()
-    };
-    for (bound, kind) in &bound {
-        match kind {
-            BindingKind::OneToOne => report.one_to_one += 1,
-            BindingKind::Constant => report.constant += 1,
-            BindingKind::Interpolated => report.interpolated += 1,
-            BindingKind::NormalOnly => report.normal_only += 1,
-            BindingKind::Fallback => {
-                report.constant += 1;
-                report.fallbacks += 1;
+impl BaseMesh<'_> {
+    /// Binds every vertex to the closest non-degenerate base triangle. `frame` is the local frame of
+    /// the nodes. Time O(v log t), in parallel.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if there is no triangle to bind to, one refers to a node that does not exist,
+    /// or lists differ in length.
+    pub fn bind(
+        &self,
+        vertices: &Vertices,
+        frame: &LocalFrame,
+        mapping: Mapping,
+    ) -> Result<(Vec<VertexBinding>, BindingReport)> {
+        let binder = Binder::new(self, mapping)?;
+        let bound = parallel::map(vertices.positions.len(), |v| {
+            binder.bind(&Vertex::new(vertices, v, frame), mapping, &|_| true)
+        });
+        let mut report = BindingReport {
+            flat_triangles: self.triangles.len() - binder.count(),
+            ..BindingReport::default()
+        };
+        for (bound, kind) in &bound {
+            match kind {
+                BindingKind::OneToOne => report.one_to_one += 1,
+                BindingKind::Constant => report.constant += 1,
+                BindingKind::Interpolated => report.interpolated += 1,
+                BindingKind::NormalOnly => report.normal_only += 1,
+                BindingKind::Fallback => {
+                    report.constant += 1;
+                    report.fallbacks += 1;
+                }
             }
+            let offset = bound.offset.length() * frame.scale;
+            report.longest_offset = report.longest_offset.max(offset);
         }
-        let offset = bound.offset.length() * frame.scale;
-        report.longest_offset = report.longest_offset.max(offset);
+        Ok((bound.into_iter().map(|b| b.0).collect(), report))
     }
-    Ok((bound.into_iter().map(|b| b.0).collect(), report))
 }
 
 /// Vertex flag, see `lib/skin.wgsl`.

@@ -5,7 +5,7 @@
 //! its tilt against them. A tilt by an angle a at rest and a strain s, the ratio of the largest to
 //! the smallest stretch, give a tilt of at most 2 atan(s tan(a / 2)).
 
-use super::basis::{VertexBinding, interpolated_normal, skin_vertex};
+use super::basis::{VertexBinding, interpolated_normal};
 use crate::render::{Camera, Projection};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -84,70 +84,72 @@ pub struct BaseVisibility {
     pub strain: f64,
 }
 
-/// Computes the visibility data of `base` from `camera`, for the given node positions and
-/// `normals`.
-pub fn base_visibility(
-    base: &CullBase,
-    nodes: &[DVec3],
-    normals: &[Option<DVec3>],
-    camera: &Camera,
-) -> BaseVisibility {
-    let p = base.nodes.map(|i| nodes[i as usize]);
-    let n = base.nodes.map(|i| normals[i as usize]);
-    let (u, v) = (p[1] - p[0], p[2] - p[0]);
-    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
-    let [xx, xy, yy] = base.inverse;
-    let trace = xx * uu + 2.0 * xy * uv + yy * vv;
-    let det = (xx * yy - xy * xy) * (uu * vv - uv * uv);
-    let largest = 0.5 * (trace + (trace * trace - 4.0 * det).max(0.0).sqrt());
-    let smallest = det / largest.max(1e-30);
-    let stretch = (largest.max(1.0) / smallest.clamp(1e-12, 1.0)).sqrt();
-    let known = n.map(|n| n.unwrap_or(DVec3::ZERO));
-    let now = bends(p, known, base.offset);
-    let mut bent: f64 = 1.0;
-    for (now, rest) in now.iter().zip(base.bend_stretch) {
-        for side in [1.0, -1.0] {
-            let ratio = (1.0 + side * now) / (1.0 + side * rest);
-            bent = bent.max(ratio).max(1.0 / ratio);
+impl BaseVisibility {
+    /// Computes the visibility data of `base` from `camera`, for the given node positions and
+    /// `normals`.
+    pub fn new(
+        base: &CullBase,
+        nodes: &[DVec3],
+        normals: &[Option<DVec3>],
+        camera: &Camera,
+    ) -> BaseVisibility {
+        let p = base.nodes.map(|i| nodes[i as usize]);
+        let n = base.nodes.map(|i| normals[i as usize]);
+        let (u, v) = (p[1] - p[0], p[2] - p[0]);
+        let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+        let [xx, xy, yy] = base.inverse;
+        let trace = xx * uu + 2.0 * xy * uv + yy * vv;
+        let det = (xx * yy - xy * xy) * (uu * vv - uv * uv);
+        let largest = 0.5 * (trace + (trace * trace - 4.0 * det).max(0.0).sqrt());
+        let smallest = det / largest.max(1e-30);
+        let stretch = (largest.max(1.0) / smallest.clamp(1e-12, 1.0)).sqrt();
+        let known = n.map(|n| n.unwrap_or(DVec3::ZERO));
+        let now = bends(p, known, base.offset);
+        let mut bent: f64 = 1.0;
+        for (now, rest) in now.iter().zip(base.bend_stretch) {
+            for side in [1.0, -1.0] {
+                let ratio = (1.0 + side * now) / (1.0 + side * rest);
+                bent = bent.max(ratio).max(1.0 / ratio);
+            }
+        }
+        let strain = stretch * bent;
+        let longest = uu.max(vv).max((v - u).length_squared()).sqrt();
+        let reach = base.offset + longest;
+        let least = (0..3).map(|k| {
+            let (to_eye, aside) = match camera.projection {
+                Projection::Orthographic { .. } => (camera.eye - camera.look_at, 0.0),
+                Projection::Perspective { .. } => {
+                    let to_eye = camera.eye - p[k];
+                    (to_eye, (reach / to_eye.length()).min(1.0).asin())
+                }
+            };
+            let smooth = if base.smooth {
+                angle(known[k], to_eye)
+            } else {
+                4.0
+            };
+            let flat = if base.flat {
+                angle(u.cross(v), to_eye)
+            } else {
+                4.0
+            };
+            smooth.min(flat) - aside
+        });
+        let least = least.fold(f64::INFINITY, f64::min);
+        BaseVisibility {
+            angle: if n.contains(&None) { -1.0 } else { least },
+            strain: strain.min(MAX_STRAIN),
         }
     }
-    let strain = stretch * bent;
-    let longest = uu.max(vv).max((v - u).length_squared()).sqrt();
-    let reach = base.offset + longest;
-    let least = (0..3).map(|k| {
-        let (to_eye, aside) = match camera.projection {
-            Projection::Orthographic { .. } => (camera.eye - camera.look_at, 0.0),
-            Projection::Perspective { .. } => {
-                let to_eye = camera.eye - p[k];
-                (to_eye, (reach / to_eye.length()).min(1.0).asin())
-            }
-        };
-        let smooth = if base.smooth {
-            angle(known[k], to_eye)
-        } else {
-            4.0
-        };
-        let flat = if base.flat {
-            angle(u.cross(v), to_eye)
-        } else {
-            4.0
-        };
-        smooth.min(flat) - aside
-    });
-    let least = least.fold(f64::INFINITY, f64::min);
-    BaseVisibility {
-        angle: if n.contains(&None) { -1.0 } else { least },
-        strain: strain.min(MAX_STRAIN),
-    }
-}
 
-/// Whether a triangle of a closed opaque skin is certainly back-facing: `tilt` is the tangent of
-/// half the largest rest angle between its normal and those that its vertices are bound to,
-/// `outlooks` are those of their base triangles. The eye is outside.
-pub fn is_skipped(tilt: f64, outlooks: [BaseVisibility; 3]) -> bool {
-    let least = outlooks.iter().fold(f64::INFINITY, |m, o| m.min(o.angle));
-    let strain = outlooks.iter().fold(0.0, |m: f64, o| m.max(o.strain));
-    least > BACKFACE_ANGLE + 2.0 * (strain * tilt).atan()
+    /// Whether a triangle of a closed opaque skin is certainly back-facing: `tilt` is the tangent of
+    /// half the largest rest angle between its normal and those that its vertices are bound to,
+    /// `outlooks` are those of their base triangles. The eye is outside.
+    pub fn is_skipped(tilt: f64, outlooks: [BaseVisibility; 3]) -> bool {
+        let least = outlooks.iter().fold(f64::INFINITY, |m, o| m.min(o.angle));
+        let strain = outlooks.iter().fold(0.0, |m: f64, o| m.max(o.strain));
+        least > BACKFACE_ANGLE + 2.0 * (strain * tilt).atan()
+    }
 }
 
 /// Culling data of a skin at rest.
@@ -189,10 +191,7 @@ impl CullData {
             let face = (p[1] - p[0]).cross(p[2] - p[0]);
             let smooth = interpolated_normal(b.weights, b.nodes.map(|i| normals[i as usize]));
             let normal = if b.interpolated { smooth } else { face };
-            (
-                skin_vertex(b, nodes, normals).position,
-                normal.try_normalize(),
-            )
+            (b.skin(nodes, normals).position, normal.try_normalize())
         });
         let carried: Vec<(DVec3, Option<DVec3>)> = carried.collect();
         let tilt = |t: &[u32; 3]| {

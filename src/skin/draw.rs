@@ -2,7 +2,7 @@
 
 use super::base::SkinBase;
 use super::binder::bind_to_node;
-use super::binding::{BindingReport, Mapping, bind, vertex_texels};
+use super::binding::{BindingReport, Mapping, vertex_texels};
 use super::cut::TriangleKey;
 use super::gpu_culling::Cull;
 use super::level_of_detail::Level;
@@ -107,7 +107,9 @@ impl Skin {
         let mut surface = surface.clone();
         let turned = surface.orient_consistently();
         let vertices = Vertices::new(&surface)?;
-        let (bound, binding) = bind(&carrier.rest_mesh(), &vertices, &carrier.frame, mapping)?;
+        let (bound, binding) = carrier
+            .rest_mesh()
+            .bind(&vertices, &carrier.frame, mapping)?;
         let description = SurfaceDescription::new(&surface);
         let report = SkinReport::new(&description, bound.len(), turned, binding);
         Skin::assemble(

@@ -1,7 +1,7 @@
 //! Binds one skin to bodies of several resolutions, to switch between at run time.
 
 use super::base::SkinBase;
-use super::binding::{BindingReport, bind, vertex_texels};
+use super::binding::{BaseMesh, BindingReport, vertex_texels};
 use super::draw::Skin;
 use crate::gpu::{Array, Texel};
 use crate::skin::basis::VertexBinding;
@@ -27,7 +27,7 @@ impl Skin {
                 "the surface of a body has a single level, the body itself; bind a separate surface to add levels".into(),
             ));
         }
-        let (bound, binding) = bind(
+        let (bound, binding) = BaseMesh::bind(
             &carrier.rest_mesh(),
             &self.vertices,
             &carrier.frame,

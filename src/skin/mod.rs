@@ -26,7 +26,7 @@ mod vertices;
 pub use appearance::SkinColouring;
 pub use bake::{BakeReport, bake};
 pub use base::SkinBase;
-pub use binding::{BaseMesh, BindingReport, Mapping, bind};
+pub use binding::{BaseMesh, BindingReport, Mapping};
 pub use compositor::{Compositor, CompositorOptions};
 pub use cut::SkinCut;
 pub use draw::Skin;

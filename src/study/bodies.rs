@@ -3,10 +3,23 @@
 
 use crate::generate;
 use crate::mesh::{Field, Location, TetMesh, signed_volume};
+use crate::physics::{ClampedEnd, Simulator};
 use crate::scene::Scene;
 use crate::{Error, Result};
 use glam::{DVec3, dvec3};
 use std::path::Path;
+
+/// Clamps one end of a body, and sets gravity transverse to it, 9.81 m/s².
+///
+/// # Errors
+/// As [`Simulator::pin_nodes`].
+pub fn hold_one_end(body: &mut dyn Simulator) -> Result<()> {
+    let (rest, edges) = (&body.mesh().nodes, body.edge_nodes().into_iter());
+    let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), edges, DVec3::NEG_Z);
+    body.pin_nodes(&end.nodes)?;
+    body.loads_mut().set_gravity(9.81 * end.load_direction());
+    Ok(())
+}
 
 /// Fraction of its height to which a tet is flattened; gives dihedral angles of at most eight
 /// degrees.

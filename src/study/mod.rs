@@ -13,13 +13,14 @@ mod motion;
 mod pictures;
 pub mod reference_motion;
 mod run;
-mod scaling;
-mod scan;
+pub(crate) mod scaling;
+pub(crate) mod scan;
 mod stability;
 mod state_map;
 pub mod static_equilibrium;
 
 pub use axis::Axis;
+pub use bodies::hold_one_end;
 pub use chart::{Chart, Series, SeriesStyle};
 pub use csv_table::{Cell, Row};
 pub use run::Run;
@@ -30,7 +31,7 @@ use crate::Result;
 use std::path::Path;
 
 /// A study: measures, draws charts and reports; optionally on the user's scene.
-pub type Study = fn(&Run, Option<&Path>) -> Result<()>;
+pub(crate) type Study = fn(&Run, Option<&Path>) -> Result<()>;
 
 /// The studies: command-line name, one-line description, function.
 pub const STUDIES: &[(&str, &str, Study)] = &[

@@ -56,46 +56,48 @@ impl MotionState {
 }
 
 /// A solver and the stopping criteria of its linear solves.
-pub type Scheme = (SolverKind, CgSettings);
+pub(crate) type Scheme = (SolverKind, CgSettings);
 
-/// Returns the solver `kind` with linear systems solved to float64 accuracy.
-pub fn converged(kind: SolverKind) -> Scheme {
-    let settings = CgSettings {
-        tolerance: 1e-12,
-        max_iterations: 20_000,
-        acceptable: 1e-9,
-    };
-    (kind, settings)
-}
-
-/// Returns the states of `simulator`, which begins at `start`, after each of `stops` equal
-/// intervals of `duration` seconds in total, with `steps` steps per interval; `None` if the body
-/// diverges.
-///
-/// # Errors
-/// An error if the simulator fails.
-pub fn motion(
-    simulator: &mut dyn Simulator,
-    start: &MotionState,
-    (kind, settings): Scheme,
-    duration: f64,
-    [stops, steps]: [u32; 2],
-) -> Result<Option<Vec<MotionState>>> {
-    let h = duration / f64::from(stops) / f64::from(steps);
-    let limit = FARTHEST * reach(&start.x);
-    simulator.set_integrator(kind, settings)?;
-    start.apply_to(simulator)?;
-    let mut states = Vec::new();
-    for _ in 0..stops {
-        match simulator.run(steps, h) {
-            Ok(_) => states.push(MotionState::from_simulator(simulator)?),
-            Err(Error::Solver { .. }) => return Ok(None),
-            Err(error) => return Err(error),
-        }
+impl ReferenceMotion {
+    /// Returns the solver `kind` with linear systems solved to float64 accuracy.
+    pub fn converged_scheme(kind: SolverKind) -> Scheme {
+        let settings = CgSettings {
+            tolerance: 1e-12,
+            max_iterations: 20_000,
+            acceptable: 1e-9,
+        };
+        (kind, settings)
     }
-    let sound = |x: &DVec3| x.is_finite() && x.abs().max_element() < limit;
-    let all = states.iter().all(|s| s.x.iter().all(sound));
-    Ok(all.then_some(states))
+
+    /// Returns the states of `simulator`, which begins at `start`, after each of `stops` equal
+    /// intervals of `duration` seconds in total, with `steps` steps per interval; `None` if the body
+    /// diverges.
+    ///
+    /// # Errors
+    /// An error if the simulator fails.
+    pub fn simulate(
+        simulator: &mut dyn Simulator,
+        start: &MotionState,
+        (kind, settings): Scheme,
+        duration: f64,
+        [stops, steps]: [u32; 2],
+    ) -> Result<Option<Vec<MotionState>>> {
+        let h = duration / f64::from(stops) / f64::from(steps);
+        let limit = FARTHEST * reach(&start.x);
+        simulator.set_integrator(kind, settings)?;
+        start.apply_to(simulator)?;
+        let mut states = Vec::new();
+        for _ in 0..stops {
+            match simulator.run(steps, h) {
+                Ok(_) => states.push(MotionState::from_simulator(simulator)?),
+                Err(Error::Solver { .. }) => return Ok(None),
+                Err(error) => return Err(error),
+            }
+        }
+        let sound = |x: &DVec3| x.is_finite() && x.abs().max_element() < limit;
+        let all = states.iter().all(|s| s.x.iter().all(sound));
+        Ok(all.then_some(states))
+    }
 }
 
 fn reach(x: &[DVec3]) -> f64 {
@@ -103,13 +105,15 @@ fn reach(x: &[DVec3]) -> f64 {
     (high - low).max_element()
 }
 
-/// √ΣΣ|x − y|² over the nodes of all states, m.
-pub fn distance(a: &[MotionState], b: &[MotionState]) -> f64 {
-    let squares = a.iter().zip(b).flat_map(|(a, b)| {
-        let nodes = a.x.iter().zip(&b.x);
-        nodes.map(|(x, y)| x.distance_squared(*y))
-    });
-    squares.sum::<f64>().sqrt()
+impl MotionState {
+    /// √ΣΣ|x − y|² over the nodes of all states, m.
+    pub fn distance(a: &[MotionState], b: &[MotionState]) -> f64 {
+        let squares = a.iter().zip(b).flat_map(|(a, b)| {
+            let nodes = a.x.iter().zip(&b.x);
+            nodes.map(|(x, y)| x.distance_squared(*y))
+        });
+        squares.sum::<f64>().sqrt()
+    }
 }
 
 /// A motion converged under step refinement.
@@ -133,46 +137,48 @@ pub struct Halving {
     pub extrapolated: f64,
 }
 
-/// Computes the limit of a second-order scheme for small steps; `run` takes the number of steps
-/// between two stops. Starting from `steps`, the step is halved until the Richardson extrapolation
-/// changes by less than `tolerance` of `scale` (m), or until `most` steps. `None` if no two steps
-/// gave a motion.
-///
-/// # Errors
-/// As `run`.
-pub fn reference_motion(
-    steps: u32,
-    most: u32,
-    tolerance: f64,
-    scale: f64,
-    mut run: impl FnMut(u32) -> Result<Option<Vec<MotionState>>>,
-) -> Result<Option<ReferenceMotion>> {
-    let mut steps = steps.max(1);
-    let mut coarse = run(steps)?;
-    let mut truth: Option<ReferenceMotion> = None;
-    while steps <= most / 2 {
-        let fine = run(2 * steps)?;
-        if let (Some(a), Some(b)) = (&coarse, &fine) {
-            let states = extrapolate(a, b);
-            let known = truth.take();
-            let extrapolated = known
-                .as_ref()
-                .map_or(f64::NAN, |t| distance(&t.states, &states) / scale);
-            let mut halvings = known.map_or(Vec::new(), |t| t.halvings);
-            halvings.push(Halving {
-                steps,
-                change: distance(a, b) / scale,
-                extrapolated,
-            });
-            truth = Some(ReferenceMotion { states, halvings });
-            if extrapolated < tolerance {
-                break;
+impl ReferenceMotion {
+    /// Computes the limit of a second-order scheme for small steps; `run` takes the number of steps
+    /// between two stops. Starting from `steps`, the step is halved until the Richardson extrapolation
+    /// changes by less than `tolerance` of `scale` (m), or until `most` steps. `None` if no two steps
+    /// gave a motion.
+    ///
+    /// # Errors
+    /// As `run`.
+    pub fn new(
+        steps: u32,
+        most: u32,
+        tolerance: f64,
+        scale: f64,
+        mut run: impl FnMut(u32) -> Result<Option<Vec<MotionState>>>,
+    ) -> Result<Option<ReferenceMotion>> {
+        let mut steps = steps.max(1);
+        let mut coarse = run(steps)?;
+        let mut truth: Option<ReferenceMotion> = None;
+        while steps <= most / 2 {
+            let fine = run(2 * steps)?;
+            if let (Some(a), Some(b)) = (&coarse, &fine) {
+                let states = extrapolate(a, b);
+                let known = truth.take();
+                let extrapolated = known.as_ref().map_or(f64::NAN, |t| {
+                    MotionState::distance(&t.states, &states) / scale
+                });
+                let mut halvings = known.map_or(Vec::new(), |t| t.halvings);
+                halvings.push(Halving {
+                    steps,
+                    change: MotionState::distance(a, b) / scale,
+                    extrapolated,
+                });
+                truth = Some(ReferenceMotion { states, halvings });
+                if extrapolated < tolerance {
+                    break;
+                }
             }
+            coarse = fine;
+            steps *= 2;
         }
-        coarse = fine;
-        steps *= 2;
+        Ok(truth)
     }
-    Ok(truth)
 }
 
 fn extrapolate(coarse: &[MotionState], fine: &[MotionState]) -> Vec<MotionState> {
@@ -189,17 +195,19 @@ fn extrapolate(coarse: &[MotionState], fine: &[MotionState]) -> Vec<MotionState>
         .collect()
 }
 
-/// Returns the exponent p of y ~ xᵖ: the least-squares slope of the logarithms of the points.
-/// Points that are not positive are omitted; NaN for fewer than two points.
-pub fn fitted_order(points: &[[f64; 2]]) -> f64 {
-    let logs: Vec<[f64; 2]> = points
-        .iter()
-        .map(|p| p.map(f64::ln))
-        .filter(|p| p.iter().all(|c| c.is_finite()))
-        .collect();
-    let mean = |k: usize| logs.iter().map(|p| p[k]).sum::<f64>() / logs.len() as f64;
-    let (x, y) = (mean(0), mean(1));
-    let up: f64 = logs.iter().map(|p| (p[0] - x) * (p[1] - y)).sum();
-    let along: f64 = logs.iter().map(|p| (p[0] - x).powi(2)).sum();
-    up / along
+impl ReferenceMotion {
+    /// Returns the exponent p of y ~ xᵖ: the least-squares slope of the logarithms of the points.
+    /// Points that are not positive are omitted; NaN for fewer than two points.
+    pub fn fitted_order(points: &[[f64; 2]]) -> f64 {
+        let logs: Vec<[f64; 2]> = points
+            .iter()
+            .map(|p| p.map(f64::ln))
+            .filter(|p| p.iter().all(|c| c.is_finite()))
+            .collect();
+        let mean = |k: usize| logs.iter().map(|p| p[k]).sum::<f64>() / logs.len() as f64;
+        let (x, y) = (mean(0), mean(1));
+        let up: f64 = logs.iter().map(|p| (p[0] - x) * (p[1] - y)).sum();
+        let along: f64 = logs.iter().map(|p| (p[0] - x).powi(2)).sum();
+        up / along
+    }
 }

@@ -1,6 +1,6 @@
 //! Static equilibria in float64 on the CPU engine; their error is the model error.
 
-use super::reference_motion::converged;
+use super::reference_motion::ReferenceMotion;
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::{
@@ -83,7 +83,7 @@ pub fn at_rest(
     gravity: DVec3,
 ) -> Result<CpuTets> {
     let network = DiscreteModel::new(mesh, material)?;
-    let how = converged(SolverKind::Implicit);
+    let how = ReferenceMotion::converged_scheme(SolverKind::Implicit);
     let own = (mesh.clone(), network);
     let mut body = CpuTets::of_network(gpu, own, material, how, Precision::Double)?;
     body.set_positions(start)?;

@@ -3,7 +3,7 @@
 //! The reference is the converged motion of the fine body, and its image with the finest table at
 //! full size. Candidates of motion (cage, solver, time step, solver tolerance) and of the image
 //! (size, table) are each timed on this machine by a short probe; then they are compared with the
-//! reference in order of cost ([`cheapest`]), until one is accurate enough. So the choice is the
+//! reference in order of cost ([`SearchResult::cheapest`]), until one is accurate enough. So the choice is the
 //! cheapest of all candidates, and a looser tolerance never costs more.
 
 mod motion;
@@ -12,8 +12,9 @@ mod search;
 mod write;
 
 pub use motion::{Body, Cost, MotionPoint, MotionSearch};
-pub use picture::{PicturePoint, PictureSearch};
-pub use search::{Candidates, SearchResult, cheapest};
+pub use picture::PicturePoint;
+pub(crate) use picture::PictureSearch;
+pub use search::{Candidates, SearchResult};
 pub use write::{Change, EntryValue};
 
 use crate::gpu::Gpu;
@@ -76,7 +77,8 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
         None => (None, None),
         Some(_) => {
             let mut motions = MotionSearch::new(gpu, scene, wanted.seconds, Cost::Time, progress)?;
-            let found = cheapest(&mut motions, wanted.error, &|f| progress("motion", f))?;
+            let found =
+                SearchResult::cheapest(&mut motions, wanted.error, &|f| progress("motion", f))?;
             cost[0] = found.cost;
             notes.push(found.summary("motion", "ms per simulated second", wanted.error));
             found.point.apply(&mut tuned);
@@ -84,7 +86,7 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
         }
     };
     let mut pictures = PictureSearch::new(gpu, scene, there)?;
-    let picture = cheapest(&mut pictures, wanted.error, &|f| progress("picture", f))?;
+    let picture = SearchResult::cheapest(&mut pictures, wanted.error, &|f| progress("picture", f))?;
     cost[1] = picture.cost;
     notes.push(picture.summary("image", "ms per image", wanted.error));
     picture.point.apply(&mut tuned);

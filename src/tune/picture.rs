@@ -45,7 +45,7 @@ impl PicturePoint {
 }
 
 /// Image candidates of a scene, and the reference image.
-pub struct PictureSearch {
+pub(crate) struct PictureSearch {
     gpu: Gpu,
     scene: Scene,
     there: Option<Vec<DVec3>>,

@@ -44,51 +44,53 @@ pub struct SearchResult<P> {
     pub pareto_front: Vec<(f64, f64)>,
 }
 
-/// Returns the cheapest candidate of `trial` with an error within `tolerance`.
-///
-/// Times all candidates, then tries them in order of cost: the first one within the tolerance is
-/// the cheapest. The error need not decrease monotonically as candidates get finer, because the
-/// errors of the time step and of the cage may cancel.
-///
-/// # Errors
-/// As [`Candidates::cost`] and [`Candidates::error`]; [`Error::Cancelled`] if `progress` breaks.
-pub fn cheapest<T: Candidates>(
-    trial: &mut T,
-    tolerance: f64,
-    progress: &dyn Fn(f64) -> ControlFlow<()>,
-) -> Result<SearchResult<T::Point>> {
-    let points = trial.points();
-    let count = points.len();
-    let mut costs = Vec::with_capacity(count);
-    for (i, point) in points.iter().enumerate() {
-        report_progress(progress, 0.5 * i as f64 / count as f64)?;
-        costs.push(trial.cost(point)?);
-    }
-    let mut order: Vec<usize> = (0..count).filter(|i| costs[*i].is_finite()).collect();
-    order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]));
-    let mut errors: BTreeMap<usize, f64> = BTreeMap::new();
-    let mut met = None;
-    for (n, i) in order.iter().enumerate() {
-        report_progress(progress, 0.5 + 0.5 * n as f64 / order.len() as f64)?;
-        let error = trial.error(&points[*i], tolerance)?;
-        errors.insert(*i, error);
-        if error <= tolerance {
-            met = Some(*i);
-            break;
+impl<P: Clone> SearchResult<P> {
+    /// Returns the cheapest candidate of `trial` with an error within `tolerance`.
+    ///
+    /// Times all candidates, then tries them in order of cost: the first one within the tolerance is
+    /// the cheapest. The error need not decrease monotonically as candidates get finer, because the
+    /// errors of the time step and of the cage may cancel.
+    ///
+    /// # Errors
+    /// As [`Candidates::cost`] and [`Candidates::error`]; [`Error::Cancelled`] if `progress` breaks.
+    pub fn cheapest<T: Candidates<Point = P>>(
+        trial: &mut T,
+        tolerance: f64,
+        progress: &dyn Fn(f64) -> ControlFlow<()>,
+    ) -> Result<SearchResult<P>> {
+        let points = trial.points();
+        let count = points.len();
+        let mut costs = Vec::with_capacity(count);
+        for (i, point) in points.iter().enumerate() {
+            report_progress(progress, 0.5 * i as f64 / count as f64)?;
+            costs.push(trial.cost(point)?);
         }
+        let mut order: Vec<usize> = (0..count).filter(|i| costs[*i].is_finite()).collect();
+        order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]));
+        let mut errors: BTreeMap<usize, f64> = BTreeMap::new();
+        let mut met = None;
+        for (n, i) in order.iter().enumerate() {
+            report_progress(progress, 0.5 + 0.5 * n as f64 / order.len() as f64)?;
+            let error = trial.error(&points[*i], tolerance)?;
+            errors.insert(*i, error);
+            if error <= tolerance {
+                met = Some(*i);
+                break;
+            }
+        }
+        let least = errors.iter().min_by(|a, b| a.1.total_cmp(b.1));
+        let chosen = met
+            .or_else(|| least.map(|(i, _)| *i))
+            .ok_or_else(|| Error::Input("every candidate of the search failed to run".into()))?;
+        Ok(SearchResult {
+            point: points[chosen].clone(),
+            cost: costs[chosen],
+            error: errors[&chosen],
+            met: met.is_some(),
+            tried: [count, errors.len()],
+            pareto_front: errors.iter().map(|(i, e)| (costs[*i], *e)).collect(),
+        })
     }
-    let least = errors.iter().min_by(|a, b| a.1.total_cmp(b.1));
-    let chosen = met
-        .or_else(|| least.map(|(i, _)| *i))
-        .ok_or_else(|| Error::Input("every candidate of the search failed to run".into()))?;
-    Ok(SearchResult {
-        point: points[chosen].clone(),
-        cost: costs[chosen],
-        error: errors[&chosen],
-        met: met.is_some(),
-        tried: [count, errors.len()],
-        pareto_front: errors.iter().map(|(i, e)| (costs[*i], *e)).collect(),
-    })
 }
 
 fn report_progress(progress: &dyn Fn(f64) -> ControlFlow<()>, share: f64) -> Result<()> {

@@ -19,7 +19,7 @@ use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
 
 /// Maximum number of distinct values of a label map.
-pub const MAX_LABELS: usize = 1000;
+pub(crate) const MAX_LABELS: usize = 1000;
 
 /// A scalar image on a regular 3D grid.
 ///

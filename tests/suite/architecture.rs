@@ -200,6 +200,70 @@ impl Sources {
     }
 }
 
+/// What another crate can name, by the module where it is defined: types, traits, constants and free
+/// functions.
+#[derive(Default)]
+struct PublicItems {
+    modules: BTreeSet<Vec<String>>,
+    items: BTreeSet<(Vec<String>, String)>,
+}
+
+impl PublicItems {
+    /// Adds the public items of `module`, of its public modules and of what it exports.
+    fn add(&mut self, sources: &Sources, module: &[String]) {
+        if !self.modules.insert(module.to_vec()) {
+            return;
+        }
+        let (_, text) = &sources.modules[module];
+        for (at, _) in text.match_indices("pub ") {
+            // Only items of the module itself begin a line.
+            if at > 0 && !text[..at].ends_with('\n') {
+                continue;
+            }
+            let item = &text[at + 4..];
+            let mut words = item.split(|c: char| !(c.is_alphanumeric() || c == '_'));
+            let mut next = || words.next().unwrap_or_default().to_owned();
+            let mut kind = next();
+            if kind == "use" {
+                self.add_exports(sources, module, &item[4..]);
+                continue;
+            }
+            let mut name = next();
+            while ["fn", "trait"].contains(&name.as_str()) {
+                (kind, name) = (name, next());
+            }
+            let mut path = module.to_vec();
+            path.push(name.clone());
+            match kind.as_str() {
+                "mod" => self.add(sources, &path),
+                _ => drop(self.items.insert((module.to_vec(), name))),
+            }
+        }
+        for macros in text.split("#[macro_export]").skip(1) {
+            let name = macros.split_whitespace().nth(1).unwrap_or_default();
+            self.items.insert((Vec::new(), name.to_owned()));
+        }
+    }
+
+    fn add_exports(&mut self, sources: &Sources, module: &[String], tree: &str) {
+        let mut found = Vec::new();
+        paths(tree, &[], &mut found);
+        for path in found {
+            // Other crates have no path here.
+            let Some(path) = sources.absolute(module, &path) else {
+                continue;
+            };
+            match path.split_last() {
+                Some((name, _)) if !sources.modules.contains_key(&path) => {
+                    let item = (sources.home(&path, 0), name.clone());
+                    self.items.insert(item);
+                }
+                _ => self.add(sources, &path),
+            }
+        }
+    }
+}
+
 /// The innermost of the table `rows` that a module below `prefix` is in, by its number.
 fn row_of(rows: &[String], prefix: &[&str], module: &[String]) -> Option<usize> {
     let rest = module.strip_prefix(&prefix.iter().map(|p| (*p).to_owned()).collect::<Vec<_>>()[..]);
@@ -276,4 +340,58 @@ fn upward_import_is_found_through_a_re_export() {
     assert_eq!(found, [("low".to_owned(), "high".to_owned(), place)]);
     let turned = ["high".to_owned(), "low".to_owned()];
     assert!(upward(&sources, &turned, &[]).is_empty());
+}
+
+/// The library exports what its users need, and no more.
+#[test]
+fn library_exports_at_most_400_items() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut sources = Sources::default();
+    read(&root.join("src"), "", &mut sources);
+    sources.read_imports();
+    let mut public = PublicItems::default();
+    public.add(&sources, &[]);
+    let items = public.items;
+    let known = |module: &[&str], name: &str| {
+        let module: Vec<String> = module.iter().map(|m| (*m).to_owned()).collect();
+        items.contains(&(module, name.to_owned()))
+    };
+    assert!(known(&["scene"], "Scene") && known(&["mesh"], "TetMesh"));
+    assert!(known(&["gpu", "device"], "Gpu") && !known(&["gpu", "device"], "Inner"));
+    let names = items
+        .iter()
+        .map(|(m, name)| format!("{}::{name}", m.join("::")));
+    let names: Vec<String> = names.collect();
+    assert!(
+        names.len() <= 400,
+        "{} items; make what no other crate needs `pub(crate)`:\n{}",
+        names.len(),
+        names.join("\n")
+    );
+}
+
+#[test]
+fn public_items_are_counted_once_and_through_exports() {
+    let mut sources = Sources::default();
+    sources.add(
+        "lib.rs",
+        "mod a;\npub mod b;\npub use a::{One, part};\npub use glam;\n",
+    );
+    sources.add(
+        "a/mod.rs",
+        "pub mod part;\npub struct One;\npub struct Hidden;\n",
+    );
+    sources.add(
+        "a/part.rs",
+        "pub const fn two() {}\npub(crate) fn no() {}\nfn no() {}\n",
+    );
+    sources.add(
+        "b.rs",
+        "pub use crate::a::One;\nimpl One {\n    pub fn no() {}\n}\npub type Three = u8;\n",
+    );
+    sources.read_imports();
+    let mut public = PublicItems::default();
+    public.add(&sources, &[]);
+    let names: Vec<&str> = public.items.iter().map(|(_, name)| name.as_str()).collect();
+    assert_eq!(names, ["One", "two", "Three"]);
 }

@@ -1,9 +1,6 @@
 //! The pass mechanism on a real adapter (a software one suffices; without any, these tests fail).
 
-use palpate::gpu::{
-    Gpu, GpuStruct, ROW_TEXELS, Texel, add_shader, check_layout, compose, parse, shader_names,
-    texture_loads,
-};
+use palpate::gpu::{Gpu, GpuStruct, ROW_TEXELS, Shaders, Texel, check_layout};
 use palpate::{Error, gpu_struct};
 
 gpu_struct! {
@@ -16,19 +13,24 @@ gpu_struct! {
 #[test]
 fn composed_shaders_are_valid() {
     use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
-    assert!(shader_names().count() > 0);
-    for name in shader_names() {
-        let module = parse(&name).unwrap_or_else(|e| panic!("{e}"));
+    assert!(Shaders::names().count() > 0);
+    for name in Shaders::names() {
+        let module = Shaders::parse(&name).unwrap_or_else(|e| panic!("{e}"));
         Validator::new(ValidationFlags::all(), Capabilities::default())
             .validate(&module)
-            .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(&compose(&name).unwrap())));
+            .unwrap_or_else(|e| {
+                panic!(
+                    "{name}: {}",
+                    e.emit_to_string(&Shaders::compose(&name).unwrap())
+                )
+            });
     }
 }
 
 #[test]
 fn composed_terms_declare_their_bindings() {
     let declared = |name: &str| -> Vec<String> {
-        let module = parse(name).unwrap();
+        let module = Shaders::parse(name).unwrap();
         let globals = module.global_variables.iter().map(|(_, g)| g);
         let bound = globals.filter_map(|g| Some((g.binding?.binding, g.name.clone()?)));
         let mut bound: Vec<(u32, String)> = bound.collect();
@@ -47,7 +49,10 @@ fn composed_terms_declare_their_bindings() {
     let solve = declared("physics/implicit_euler_direction elements");
     assert_eq!(solve[11..], ["rows", "columns", "matrix"]);
     for wrong in ["physics/forces sprigs", "physics/farces springs"] {
-        assert!(matches!(compose(wrong), Err(Error::Gpu(_))), "{wrong}");
+        assert!(
+            matches!(Shaders::compose(wrong), Err(Error::Gpu(_))),
+            "{wrong}"
+        );
     }
 }
 
@@ -208,7 +213,7 @@ fn external_device_is_used_unchanged() {
 
 #[test]
 fn texture_load_count_includes_loops_and_calls() {
-    add_shader(
+    Shaders::add(
         "suite/loads",
         "
 @group(0) @binding(0) var a: texture_2d<f32>;
@@ -233,12 +238,15 @@ fn main() {
 ",
     )
     .unwrap();
-    assert_eq!(texture_loads("suite/loads").unwrap(), [1, 3]);
-    assert!(texture_loads("suite/nowhere").is_err());
+    assert_eq!(Shaders::texture_loads("suite/loads").unwrap(), [1, 3]);
+    assert!(Shaders::texture_loads("suite/nowhere").is_err());
     // Nodes are the outer loop of the pass, their springs an inner one; an additional term needs
     // none.
-    let bare = texture_loads("physics/forces springs").unwrap();
-    assert_eq!(bare, texture_loads("physics/forces springs floor").unwrap());
+    let bare = Shaders::texture_loads("physics/forces springs").unwrap();
+    assert_eq!(
+        bare,
+        Shaders::texture_loads("physics/forces springs floor").unwrap()
+    );
     assert!(
         bare[0] == 0 && bare[1] > 0 && bare[2..].iter().sum::<u32>() > 2,
         "{bare:?}"

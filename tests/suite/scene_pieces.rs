@@ -132,7 +132,6 @@ fn pieces_round_trip() {
     let piece = Piece::read(&index, 1).unwrap();
     let own = piece.mesh();
     assert!(own.owned_tets < own.tets.len() && own.tets.len() < mesh.tets.len());
-    assert_eq!(piece.whole().tets, mesh.tets.len());
 }
 
 #[test]

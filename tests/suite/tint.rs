@@ -1,6 +1,6 @@
 //! Exports every composed shader for `scripts/tint`, which passes them to a browser's compiler.
 
-use palpate::gpu::{compose, parse, shader_names};
+use palpate::gpu::Shaders;
 use serde_json::{Value, json};
 use wgpu::naga::{Binding, BuiltIn, Module, ScalarKind, ShaderStage, TypeInner};
 
@@ -16,12 +16,12 @@ fn composed_shaders_compile_for_a_browser() {
 }
 
 fn composed() -> palpate::Result<Value> {
-    shader_names()
+    Shaders::names()
         .map(|name| {
-            let module = parse(&name)?;
+            let module = Shaders::parse(&name)?;
             Ok(json!({
                 "name": name,
-                "source": compose(&name)?,
+                "source": Shaders::compose(&name)?,
                 "compute": module.entry_points.iter().any(|e| e.stage == ShaderStage::Compute),
                 "targets": targets(&module),
                 "depth": writes_depth(&module),

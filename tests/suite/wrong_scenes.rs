@@ -1,8 +1,7 @@
 //! Errors in a scene are reported with the file, the line, the column and a remedy.
 
 use crate::support::gpu;
-use palpate::generate;
-use palpate::scene::{Region, Scene, Stage};
+use palpate::scene::{Scene, Stage};
 
 /// A scene with an additional or modified line, the line and column in the message, and words in
 /// it.
@@ -270,55 +269,4 @@ fn old_keys_are_noted_by_the_stage() {
     let note = "[picture] `walk` is now `traversal`; the old key still works";
     assert!(old.contains(note), "{old}");
     assert!(!notes("traversal").contains("old key"));
-}
-
-#[test]
-fn region_bounds_use_mesh_unit() {
-    let bar = generate::paper_bar().unwrap();
-    let nodes = |toml: &str| {
-        let scene = Scene::parse(&format!("[[pin]]\n{toml}")).unwrap();
-        scene.pin[0].nodes(&bar)
-    };
-    let (low, high) = bar.bounds();
-    let middle = 0.5 * (low + high);
-    for (k, axis) in ["x", "y", "z"].iter().enumerate() {
-        let below = nodes(&format!("{axis}_below = {}", middle[k])).unwrap();
-        let above = nodes(&format!("{axis}_above = {}", middle[k])).unwrap();
-        let at = |v: &u32| bar.nodes[*v as usize][k];
-        assert!(below.iter().all(|v| at(v) <= middle[k]));
-        assert!(above.iter().all(|v| at(v) >= middle[k]));
-        let both = (0..bar.nodes.len() as u32).filter(|v| at(v) == middle[k]);
-        assert_eq!(below.len() + above.len(), bar.nodes.len() + both.count());
-        // Half of the extent is the same position.
-        let part = nodes(&format!("axis = \"{axis}\"\nbelow = 0.5")).unwrap();
-        assert_eq!(part, below);
-    }
-    let corner = format!("x_below = {}\nz_above = {}", low.x, high.z);
-    assert!(nodes(&corner).unwrap().iter().all(|v| {
-        let p = bar.nodes[*v as usize];
-        p.x == low.x && p.z == high.z
-    }));
-    let said = nodes("axis = \"y\"\nabove = 0.5\nz_below = -0.6")
-        .unwrap_err()
-        .to_string();
-    assert!(
-        said.contains("{ axis = \"y\", above = 0.5, z_below = -0.6 }"),
-        "{said}"
-    );
-    let said = nodes("label = \"hip\"\nbox = [[0, 0, 0], [1, 1, 1]]")
-        .unwrap_err()
-        .to_string();
-    assert!(said.contains("hip"), "{said}");
-    // Regions created by code are checked as well.
-    let made = Region {
-        axis: Some(palpate::scene::Axis::Z),
-        below: Some(-0.6),
-        ..Region::default()
-    };
-    assert!(
-        made.nodes(&bar)
-            .unwrap_err()
-            .to_string()
-            .contains("z_below")
-    );
 }

@@ -23,7 +23,7 @@ use crate::viewport::Viewport;
 use eframe::egui;
 use glam::DVec3;
 use palpate::Result;
-use palpate::gpu::{Gpu, submit_time};
+use palpate::gpu::Gpu;
 use palpate::render::Camera;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -208,7 +208,7 @@ impl eframe::App for App {
     }
 
     fn ui(&mut self, ui: &mut egui::Ui, frame: &mut eframe::Frame) {
-        let (began, submitted) = (Instant::now(), submit_time());
+        let (began, submitted) = (Instant::now(), Gpu::submit_time());
         let frame_ms = self.frames.begin(began);
         let context = ui.ctx().clone();
         self.frames.look(&context);

@@ -7,7 +7,7 @@ use crate::device::lock;
 use crate::loading::{Loading, live_tasks};
 use crate::log::{self, Frame, FrameLog, memory_mb};
 use eframe::egui;
-use palpate::gpu::submit_time;
+use palpate::gpu::Gpu;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use web_time::Instant;
@@ -154,7 +154,7 @@ impl egui::Plugin for RepaintWatch {
 impl App {
     /// Logs the frame.
     pub(crate) fn note_frame(&mut self, (began, submitted): (Instant, Duration), frame_ms: f64) {
-        let driver = submit_time().saturating_sub(submitted);
+        let driver = Gpu::submit_time().saturating_sub(submitted);
         self.frames.driver_ms = 1e3 * driver.as_secs_f64();
         let pictures = self.screen.pictures;
         let (since, before) = self.frames.since;

@@ -227,7 +227,7 @@ impl Loading {
                 }
                 // Scenes with several bodies or a grid create their own meshes.
                 (None, None) => ReusableBody {
-                    mesh: match !scene.body.is_empty() || scene.grid.is_some() {
+                    mesh: match scene.creates_meshes() {
                         true => Arc::default(),
                         false => Arc::new(scene.load_mesh(progress)?),
                     },

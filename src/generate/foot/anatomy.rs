@@ -7,7 +7,7 @@ use super::super::shapes::{LongBone, ellipsoid, rod, smooth_step, smooth_union};
 use glam::{DVec3, dvec3};
 
 /// The bones, in the order of their labels from 2 on: tarsus, metatarsus, toes.
-pub const FOOT_BONES: [&str; 26] = [
+pub(crate) const FOOT_BONES: [&str; 26] = [
     "calcaneus bone",
     "talus bone",
     "navicular bone",

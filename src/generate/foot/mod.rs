@@ -5,7 +5,7 @@
 
 mod anatomy;
 
-pub use anatomy::FOOT_BONES;
+pub(crate) use anatomy::FOOT_BONES;
 
 use super::lattice_fill::{fill_solid, lattice_step, separate_bones};
 use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};

@@ -41,7 +41,7 @@ pub(super) fn quality(v: [DVec3; 4]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::dihedral_angles;
+    use crate::mesh::TetQuality;
 
     #[test]
     fn quality_equals_min_weighted_sine_of_dihedral_angles() {
@@ -56,7 +56,7 @@ mod tests {
             ],
         ];
         for tet in tets {
-            let weighed = dihedral_angles(tet)
+            let weighed = TetQuality::dihedral_angles(tet)
                 .map(|a| a.to_radians().sin() * if a > 90.0 { OBTUSE_PENALTY } else { 1.0 });
             let least = weighed.into_iter().fold(f64::INFINITY, f64::min);
             let mut of = tet;

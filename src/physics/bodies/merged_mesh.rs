@@ -12,6 +12,8 @@ pub(super) struct MergedMesh {
     pub topology: Topology,
     /// For each body, the number of each of its nodes in the combined mesh.
     pub node_map: Vec<Vec<u32>>,
+    /// The body and its own region for each label of the combined mesh, from 1.
+    regions: Vec<(usize, Option<i64>)>,
 }
 
 /// A body's mesh and topology.
@@ -30,8 +32,16 @@ impl MergedMesh {
         Ok(MergedMesh {
             node_map: places.collect(),
             topology: Topology::new(&mesh),
+            regions: TetMesh::merged_regions(parts),
             mesh,
         })
+    }
+
+    /// Returns the body and its own label of the region with this label in the combined mesh.
+    pub fn region(&self, label: i64) -> Option<(usize, i64)> {
+        let index = usize::try_from(label).ok()?.checked_sub(1)?;
+        let (body, region) = self.regions.get(index)?;
+        Some((*body, (*region)?))
     }
 
     /// Applies one cut for each body; `parts` are the bodies' meshes after these cuts.

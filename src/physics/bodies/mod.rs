@@ -41,7 +41,7 @@ pub struct MultiBody {
 
 /// The state of [`MultiBody`]: see [`Checkpointing::state`](crate::physics::Checkpointing::state).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct BodiesState {
+pub(crate) struct BodiesState {
     members: Vec<SimulatorState>,
     loads: LoadsState,
     handed: LoadVersions,

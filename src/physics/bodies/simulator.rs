@@ -315,8 +315,15 @@ impl Reactions for MultiBody {
         Ok(all)
     }
 
-    fn region_force(&mut self, _: i64) -> Result<Option<Reaction>> {
-        Ok(None)
+    fn region_force(&mut self, label: i64) -> Result<Option<Reaction>> {
+        let Some((body, label)) = self.whole.region(label) else {
+            return Ok(None);
+        };
+        self.sync_loads()?;
+        self.members[body].named(|s| {
+            let forces = Capability::NodalForces.require(s.reactions())?;
+            forces.region_force(label)
+        })
     }
 }
 

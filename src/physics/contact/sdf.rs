@@ -122,7 +122,7 @@ impl DistanceField {
     }
 
     /// Returns the signed distance of `p` with its gradient and second derivatives.
-    pub fn evaluate(&self, p: DVec3) -> SurfaceDistance {
+    pub(crate) fn evaluate(&self, p: DVec3) -> SurfaceDistance {
         let (at, beyond) = self.clamp_to_grid(p);
         let first = (at - 0.5).floor();
         let weights: [[[f64; 3]; 3]; 3] = std::array::from_fn(|k| quadratic(at[k] - first[k]));

@@ -32,7 +32,7 @@ pub enum Shape {
 
 /// The signed distance of a point from a shape, with two derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SurfaceDistance {
+pub(crate) struct SurfaceDistance {
     /// Signed distance, negative inside.
     pub distance: f64,
     /// Gradient of the distance, pointing away from the shape: a unit vector (for distance fields
@@ -44,7 +44,7 @@ pub struct SurfaceDistance {
 
 impl Shape {
     /// Returns the signed distance of `p` with its gradient and second derivatives.
-    pub fn surface_distance(&self, p: DVec3) -> SurfaceDistance {
+    pub(crate) fn surface_distance(&self, p: DVec3) -> SurfaceDistance {
         match self {
             Shape::Sphere { radius } => offset_distance(p, *radius, DMat3::IDENTITY),
             Shape::Capsule { radius, length } => {

@@ -71,7 +71,7 @@ pub(in crate::physics) struct ToolMotion {
 
 /// Penetration of a body into a tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Penetration {
+pub(crate) struct Penetration {
     /// Number of nodes inside the tool.
     pub nodes: usize,
     /// Largest penetration depth, in file units.
@@ -119,14 +119,14 @@ impl Tool {
     }
 
     /// Returns the penetration of the boundary of `mesh` at rest into the tool in its initial pose.
-    pub fn initial_penetration(&self, mesh: &TetMesh, topology: &Topology) -> Penetration {
+    pub(crate) fn initial_penetration(&self, mesh: &TetMesh, topology: &Topology) -> Penetration {
         let boundary = topology.all_boundary_nodes(mesh);
         let nodes = boundary.into_iter().map(|v| mesh.nodes[v as usize]);
         self.penetration(&self.pose, nodes)
     }
 
     /// Returns the penetration of the points `nodes`, in file units, into the tool at `pose`.
-    pub fn penetration(
+    pub(crate) fn penetration(
         &self,
         pose: &ToolPose,
         nodes: impl IntoIterator<Item = DVec3>,

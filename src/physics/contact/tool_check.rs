@@ -15,7 +15,7 @@ const FACE_TOLERANCE: f64 = 1e-9;
 
 /// Why the force of a body on a tool is not valid; lengths are in file units.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ToolProblem {
+pub(crate) enum ToolProblem {
     /// The tool's centre is inside a tet.
     InsideBody,
     /// Free boundary nodes are inside the tool.
@@ -55,7 +55,7 @@ impl Tool {
     /// Returns why the contact of `mesh`, deformed to the node positions `x` in file units, with the
     /// tool at `pose` is not valid, if it is not. `fixed` marks pinned nodes, which no tool moves;
     /// `touches` is whether the tool exerts a force.
-    pub fn contact_problem(
+    pub(crate) fn contact_problem(
         &self,
         pose: &ToolPose,
         (mesh, topology): (&TetMesh, &Topology),

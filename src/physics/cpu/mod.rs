@@ -39,6 +39,9 @@ pub(super) use runtime::steppable::{LoadUpdate, Steppable, ToolTarget};
 #[cfg(feature = "rapier")]
 pub(super) use runtime::threaded_simulator::{BodyModel, ThreadedSimulator};
 
-pub use body::tets::{CpuState, CpuTets};
-pub use grid::simulator::{CpuGrid, CpuGridState};
+pub(crate) use body::tets::CpuState;
+pub use body::tets::CpuTets;
+pub use grid::simulator::CpuGrid;
+pub(crate) use grid::simulator::CpuGridState;
 pub use runtime::steppable::Precision;
+pub(crate) use vectors::outer;

@@ -175,7 +175,7 @@ impl GpuBody {
     /// An error if the device rejects the work.
     pub fn add_term(&mut self, term: Arc<dyn NodeTerm>) -> Result<()> {
         // A term without its file in `shaders/terms` is rejected here, not in the middle of a run.
-        crate::gpu::compose(&format!(
+        crate::gpu::Shaders::compose(&format!(
             "{} {}",
             self.shader_name("physics/forces"),
             term.name()

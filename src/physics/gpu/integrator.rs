@@ -3,7 +3,7 @@
 //! An [`Integrator`] defines the passes that propose the next state; [`Stepper`](super::Stepper)
 //! embeds them in the chain of every step: propose, evaluate, check, commit. A rejected step, and
 //! every step after it, changes nothing. Stages are passes over arrays of the integrator, written
-//! in WGSL of this library or of the caller ([`add_shader`](crate::gpu::add_shader)).
+//! in WGSL of this library or of the caller ([`Shaders::add`](crate::gpu::Shaders::add)).
 
 pub use super::step_resources::StepResources;
 use crate::gpu::{Array, Pass};

@@ -30,7 +30,7 @@ pub struct GpuTets {
 
 /// The state of a [`GpuTets`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TetState {
+pub(crate) struct TetState {
     body: BodyState,
     solver: SolverState,
     progress: StepProgress,

@@ -12,7 +12,7 @@ const MAX_PARTICLES: usize = 1 << 27;
 
 /// Number of spring kinds: 3 along the axes and 6 along the face diagonals, each used in both
 /// directions.
-pub const SPRING_KINDS: usize = 9;
+pub(crate) const SPRING_KINDS: usize = 9;
 
 /// Offset to the neighbour along a spring of each kind, in grid steps.
 pub const SPRING_OFFSETS: [[i64; 3]; SPRING_KINDS] = [

@@ -29,7 +29,7 @@ pub(crate) const CRUSH_THRESHOLD_J: f64 = 0.1;
 pub(crate) const CRUSH_STIFFNESS_RATIO: f64 = 100.0;
 
 /// Hessian of a tet's energy: the block of nodes a and b is at `[a][b]`.
-pub type ElementHessian = [[DMat3; 4]; 4];
+pub(crate) type ElementHessian = [[DMat3; 4]; 4];
 
 /// The constitutive model: energy density as a function of strain.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -101,7 +101,7 @@ impl Elements {
 
 /// Stopping criteria of Newton's method in an implicit step of finite elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NewtonSettings {
+pub(crate) struct NewtonSettings {
     /// Maximum number of Newton iterations per step; exceeded while they would invert tets.
     pub iterations: u32,
     /// Convergence tolerance: residual over the norm of the driving forces (√(rᵀD⁻¹r), D the

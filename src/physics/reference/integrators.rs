@@ -2,10 +2,64 @@
 
 use super::linear::{Solution, conjugate_gradients};
 use super::springs::ReferenceSprings;
+use crate::physics::SolverKind;
+use crate::{Error, Result};
 use glam::DVec3;
 
+/// A time integrator in float64, with the state that it keeps between steps.
+#[derive(Clone, Debug)]
+pub struct ReferenceIntegrator {
+    kind: SolverKind,
+    tolerance: f64,
+    verlet: Verlet,
+    velocity_verlet: VelocityVerlet,
+}
+
+impl ReferenceIntegrator {
+    /// Creates the integrator `kind`; `tolerance` is the relative residual of implicit steps.
+    pub fn new(kind: SolverKind, tolerance: f64) -> ReferenceIntegrator {
+        ReferenceIntegrator {
+            kind,
+            tolerance,
+            verlet: Verlet::default(),
+            velocity_verlet: VelocityVerlet::default(),
+        }
+    }
+
+    /// Advances `p` by one step of `h` seconds.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scheme that does not support springs, or if the conjugate gradients of
+    /// an implicit step do not converge.
+    pub fn step(&mut self, p: &mut ReferenceSprings, h: f64) -> Result<()> {
+        match self.kind {
+            SolverKind::Explicit => explicit_euler(p, h),
+            SolverKind::Symplectic => symplectic_euler(p, h),
+            SolverKind::Verlet => self.verlet.step(p, h),
+            SolverKind::VelocityVerlet => self.velocity_verlet.step(p, h),
+            SolverKind::Implicit => {
+                let solved = implicit_euler(p, h, self.tolerance);
+                solved.ok_or_else(|| {
+                    Error::Input(format!(
+                        "conjugate gradients of the implicit reference did not reach a relative \
+                        residual of {:e} in 20 iterations per node; increase the tolerance",
+                        self.tolerance
+                    ))
+                })?;
+            }
+            kind => {
+                return Err(Error::Input(format!(
+                    "the reference of springs has no scheme {kind}; use explicit, symplectic, \
+                    verlet, velocity-verlet or implicit"
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// Explicit Euler: x' = x + h v, v' = v + h a.
-pub fn explicit_euler(p: &mut ReferenceSprings, h: f64) {
+fn explicit_euler(p: &mut ReferenceSprings, h: f64) {
     let a = accelerations(p);
     let v = p.v.clone();
     update_positions(p, h, &v);
@@ -13,7 +67,7 @@ pub fn explicit_euler(p: &mut ReferenceSprings, h: f64) {
 }
 
 /// Symplectic Euler: v' = v + h a, x' = x + h v'.
-pub fn symplectic_euler(p: &mut ReferenceSprings, h: f64) {
+fn symplectic_euler(p: &mut ReferenceSprings, h: f64) {
     let a = accelerations(p);
     update_velocities(p, h, &a);
     let v = p.v.clone();
@@ -23,14 +77,14 @@ pub fn symplectic_euler(p: &mut ReferenceSprings, h: f64) {
 /// Verlet, x' = 2x − x₋₁ + h² a. Damping forces use the velocity (x − x₋₁)/h, which lags by half a
 /// step, so a damped motion is only first-order accurate.
 #[derive(Clone, Debug, Default)]
-pub struct Verlet {
+struct Verlet {
     previous: Option<Vec<DVec3>>,
 }
 
 impl Verlet {
     /// Advances one step; the first starts from x₋₁ = x₀ − h v₀ + ½h² a₀. Stores (x' − x)/h in
     /// `p.v`.
-    pub fn step(&mut self, p: &mut ReferenceSprings, h: f64) {
+    fn step(&mut self, p: &mut ReferenceSprings, h: f64) {
         let a = accelerations(p);
         let previous = self.previous.take().unwrap_or_else(|| {
             (0..p.x.len())
@@ -53,13 +107,13 @@ impl Verlet {
 /// Velocity Verlet: x' = x + h (v + ½h a), v' = v + ½h (a + a'), a' = a(x', v + h a), which is kept
 /// for the next step. Second-order accurate with and without damping.
 #[derive(Clone, Debug, Default)]
-pub struct VelocityVerlet {
+struct VelocityVerlet {
     acceleration: Option<Vec<DVec3>>,
 }
 
 impl VelocityVerlet {
     /// Advances one step.
-    pub fn step(&mut self, p: &mut ReferenceSprings, h: f64) {
+    fn step(&mut self, p: &mut ReferenceSprings, h: f64) {
         let a = self.acceleration.take().unwrap_or_else(|| accelerations(p));
         let start = p.v.clone();
         update_velocities(p, 0.5 * h, &a);
@@ -78,7 +132,7 @@ impl VelocityVerlet {
 /// gradients to the relative residual `tolerance`; v' = v + Δv, x' = x + h v'.
 ///
 /// Returns the number of iterations, or `None` if 20 per node did not suffice.
-pub fn implicit_euler(p: &mut ReferenceSprings, h: f64, tolerance: f64) -> Option<u32> {
+fn implicit_euler(p: &mut ReferenceSprings, h: f64, tolerance: f64) -> Option<u32> {
     let most = 20 * p.x.len() as u32;
     let solution = solve_implicit(p, h, tolerance, most);
     if solution.residual > tolerance {

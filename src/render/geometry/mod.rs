@@ -5,7 +5,7 @@
 //! so that the positions of a simulation can be used directly.
 
 use crate::gpu::{Array, Gpu, Pass, Positions, Texel};
-use crate::mesh::{LocalFrame, TetMesh, Topology, morton_order};
+use crate::mesh::{LocalFrame, TetMesh, Topology};
 use crate::{Error, Result, parallel};
 
 mod apply_cut;
@@ -152,7 +152,7 @@ impl Geometry {
                 gpu.max_items()
             )));
         }
-        let order = morton_order(mesh);
+        let order = mesh.morton_order();
         let mut place = vec![0u32; order.len()];
         for (slot, t) in order.iter().enumerate() {
             place[*t as usize] = slot as u32;

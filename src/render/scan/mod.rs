@@ -26,7 +26,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Maximum number of scans in an image.
-pub const MAX_SCANS: usize = 8;
+pub(crate) const MAX_SCANS: usize = 8;
 
 /// A volume attached to a body, and its appearance.
 #[derive(Clone, Debug)]

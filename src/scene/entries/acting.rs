@@ -17,7 +17,7 @@ use std::path::PathBuf;
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PressureEntry {
+pub(crate) struct PressureEntry {
     /// Region of the faces; all nodes of a face must lie in it.
     pub on: Option<Region>,
     /// Selects the faces whose normals at rest lie within 45° of this direction.
@@ -33,7 +33,7 @@ pub struct PressureEntry {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(untagged, expecting = "expected a number, or a list of [time, number]")]
 #[allow(missing_docs)]
-pub enum TimeSeries {
+pub(crate) enum TimeSeries {
     Steady(f64),
     Keys(Vec<[f64; 2]>),
 }
@@ -54,7 +54,7 @@ pub enum TimeSeries {
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MoveEntry {
+pub(crate) struct MoveEntry {
     /// Name in reaction files.
     pub name: Option<String>,
     /// The nodes.
@@ -83,7 +83,7 @@ pub struct MoveEntry {
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MuscleEntry {
+pub(crate) struct MuscleEntry {
     /// The contracting region.
     pub region: Option<LabelOrName>,
     /// Fibre direction at rest; default: the longest axis of the region.
@@ -100,7 +100,7 @@ pub struct MuscleEntry {
     untagged,
     expecting = "expected a direction [x, y, z], or the name of a vector field of the tets"
 )]
-pub enum FibreEntry {
+pub(crate) enum FibreEntry {
     /// A uniform direction.
     Along([f64; 3]),
     /// Name of a vector field with one vector per tetrahedron.

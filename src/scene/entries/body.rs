@@ -48,7 +48,7 @@ pub struct MeshSource {
     #[serde(default, deserialize_with = "present")]
     pub edge: Option<Length>,
     /// Labels of a volume that become regions: `"all"` or a list.
-    pub labels: Option<LabelsEntry>,
+    pub(crate) labels: Option<LabelsEntry>,
     /// Which volume of a file of several (times, echoes, components) is meshed, counted from 0.
     pub volume: Option<usize>,
     /// Lower thresholds of the regions of a volume, each valid up to the next one: numbers or
@@ -65,7 +65,7 @@ pub struct MeshSource {
     /// Pairs of regions, by name or label, whose common interface is split: each side gets its own
     /// nodes. A split ends where a third region connects the two.
     #[serde(default)]
-    pub split: Vec<[LabelOrName; 2]>,
+    pub(crate) split: Vec<[LabelOrName; 2]>,
     /// Width of the gap opened at each split interface, in the mesh's unit. With `[contact]` the
     /// two sides then press and slide on each other.
     pub split_gap: Option<f64>,
@@ -151,21 +151,21 @@ pub struct BodyEntry {
     pub dt: Option<f64>,
     /// Fixed nodes.
     #[serde(default)]
-    pub pin: Vec<Region>,
+    pub(crate) pin: Vec<Region>,
     /// Forces on groups of nodes.
     #[serde(default)]
-    pub force: Vec<ForceEntry>,
+    pub(crate) force: Vec<ForceEntry>,
     /// Replaces the tetrahedra by a grid of particles.
-    pub grid: Option<GridEntry>,
+    pub(crate) grid: Option<GridEntry>,
     /// Simulates a coarse cage in which the mesh is embedded, instead of the mesh.
-    pub cage: Option<CageEntry>,
+    pub(crate) cage: Option<CageEntry>,
 }
 
 /// Label selection of a volume.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(untagged, expecting = "labels must be \"all\" or a list of integers")]
 #[allow(missing_docs)]
-pub enum LabelsEntry {
+pub(crate) enum LabelsEntry {
     These(Vec<i64>),
     All(AllKeyword),
 }
@@ -174,7 +174,7 @@ pub enum LabelsEntry {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[allow(missing_docs)]
-pub enum AllKeyword {
+pub(crate) enum AllKeyword {
     All,
 }
 
@@ -257,7 +257,7 @@ impl Unit {
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct GridEntry {
+pub(crate) struct GridEntry {
     /// Approximate number of particles; default 20,000.
     pub nodes: Option<usize>,
     /// Grid spacing, instead of `nodes`: one length, or one per axis.
@@ -273,7 +273,7 @@ pub struct GridEntry {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(untagged, expecting = "expected a length, or three lengths")]
 #[allow(missing_docs)]
-pub enum Lengths {
+pub(crate) enum Lengths {
     Same(f64),
     Each([f64; 3]),
 }

@@ -17,7 +17,7 @@ use serde::Deserialize;
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct JointEntry {
+pub(crate) struct JointEntry {
     /// The regions, by label or name: two, or one joined to the world.
     pub between: Vec<LabelOrName>,
     /// Anchor point at rest.
@@ -35,7 +35,7 @@ pub struct JointEntry {
 /// Axis and range of motion of a joint.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct AxisEntry {
+pub(crate) struct AxisEntry {
     /// Direction of the axis.
     pub axis: [f64; 3],
     /// Lower limit (≤ 0) and upper limit (≥ 0).
@@ -45,4 +45,4 @@ pub struct AxisEntry {
 /// An entry without keys.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct EmptyEntry {}
+pub(crate) struct EmptyEntry {}

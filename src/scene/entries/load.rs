@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// there are none, on the edges of the boundary in it, or else the same force on each node.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ForceEntry {
+pub(crate) struct ForceEntry {
     /// The nodes.
     pub on: Region,
     /// Resultant force, N.
@@ -48,7 +48,7 @@ pub struct MassEntry {
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FloorEntry {
+pub(crate) struct FloorEntry {
     /// A point on the plane.
     pub point: [f64; 3],
     /// Outward normal; default +z.
@@ -70,7 +70,7 @@ pub struct FloorEntry {
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct GrabEntry {
+pub(crate) struct GrabEntry {
     /// Name in reaction files; default `grab1`, `grab2` …
     pub name: Option<String>,
     /// Centre of the grabbed sphere.
@@ -97,7 +97,7 @@ pub struct GrabEntry {
 /// ```
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CutEntry {
+pub(crate) struct CutEntry {
     /// End points of the blade's edge.
     pub edge: [[f64; 3]; 2],
     /// Times and displacements of the edge, interpolated linearly; at least two.

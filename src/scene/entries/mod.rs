@@ -10,15 +10,15 @@ mod picture;
 mod scan;
 mod tool;
 
-pub use acting::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, TimeSeries};
-pub use body::{
-    AllKeyword, BodyEntry, GridEntry, JoinEntry, LabelsEntry, Lengths, MeshSource, Unit,
-};
+pub(crate) use acting::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, TimeSeries};
+pub use body::{BodyEntry, JoinEntry, MeshSource, Unit};
+pub(crate) use body::{GridEntry, LabelsEntry, Lengths};
 pub use inside::{IsosurfaceEntry, PlaneEntry};
-pub use joint::{AxisEntry, EmptyEntry, JointEntry};
-pub use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, MassEntry, SkinEntry};
+pub(crate) use joint::JointEntry;
+pub use load::SkinEntry;
+pub(crate) use load::{CutEntry, FloorEntry, ForceEntry, GrabEntry, MassEntry};
 pub use output::OutputEntry;
 pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionAppearanceEntry, XrayEntry};
 pub(in crate::scene) use scan::scans;
 pub use scan::{LabelAppearanceEntry, ScanEntry};
-pub use tool::{BoxEntry, CapsuleEntry, ContactEntry, PlaneShapeEntry, SphereEntry, ToolEntry};
+pub(crate) use tool::{ContactEntry, SphereEntry, ToolEntry};

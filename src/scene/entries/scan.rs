@@ -54,6 +54,13 @@ pub struct ScanEntry {
     pub volume: Preloaded<Volume>,
 }
 
+impl ScanEntry {
+    /// Returns its transfer function if that is a file.
+    pub(in crate::scene) fn transfer_file(&mut self) -> Option<&mut String> {
+        self.transfer.as_mut().filter(|t| t.ends_with(".json"))
+    }
+}
+
 /// Appearance of a label of a scan.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ContactEntry {
+pub(crate) struct ContactEntry {
     /// Coulomb friction coefficient μ; default 0.
     pub friction: Option<f64>,
     /// Distance at which the contact barrier becomes active; default: 1/20 of the mean edge length
@@ -49,7 +49,7 @@ pub struct ContactEntry {
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ToolEntry {
+pub(crate) struct ToolEntry {
     /// Name in reaction files.
     pub name: Option<String>,
     /// A sphere.
@@ -100,7 +100,7 @@ pub struct ToolEntry {
 /// A sphere.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct SphereEntry {
+pub(crate) struct SphereEntry {
     /// Its radius.
     pub radius: f64,
 }
@@ -108,7 +108,7 @@ pub struct SphereEntry {
 /// A capsule: a cylinder with hemispherical ends.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CapsuleEntry {
+pub(crate) struct CapsuleEntry {
     /// Its radius.
     pub radius: f64,
     /// Length of the cylinder, without the ends.
@@ -118,7 +118,7 @@ pub struct CapsuleEntry {
 /// A box.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct BoxEntry {
+pub(crate) struct BoxEntry {
     /// Edge lengths.
     pub size: [f64; 3],
 }
@@ -126,4 +126,4 @@ pub struct BoxEntry {
 /// A plane.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PlaneShapeEntry {}
+pub(crate) struct PlaneShapeEntry {}

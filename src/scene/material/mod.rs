@@ -62,7 +62,7 @@ pub struct MaterialEntry {
     /// longer for larger ratios, and above some hundreds the difference is not visible.
     pub max_stiffness_ratio: Option<f64>,
     /// Tissues by name.
-    pub tissues: Tissues,
+    pub(crate) tissues: Tissues,
 }
 
 type Tissues = BTreeMap<String, TissueEntry>;
@@ -73,7 +73,7 @@ type Tissues = BTreeMap<String, TissueEntry>;
     untagged,
     expecting = "neither a key of [material] nor a tissue: a tissue must be a list of regions, or a table with some of `regions`, `young`, `poisson`, `density` and `rigid`"
 )]
-pub enum TissueEntry {
+pub(crate) enum TissueEntry {
     /// Regions by label or name.
     Regions(Vec<LabelOrName>),
     /// Regions and material parameters.
@@ -83,7 +83,7 @@ pub enum TissueEntry {
 /// A tissue with its own parameters.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct TissueTable {
+pub(crate) struct TissueTable {
     /// Regions by label or name; default: those whose names contain the name of the tissue.
     pub regions: Option<Vec<LabelOrName>>,
     /// Young's modulus in Pa.
@@ -118,6 +118,16 @@ impl MaterialEntry {
         self.model.unwrap_or(match of_tets && !of_springs {
             true => MaterialModel::NeoHookean,
             false => MaterialModel::Springs,
+        })
+    }
+
+    /// Returns the name of each tissue that is not rigid, and Young's modulus in Pa if the entry
+    /// states it.
+    pub fn soft_tissues(&self) -> impl Iterator<Item = (&str, Option<f64>)> {
+        let soft = self.tissues.iter().filter(|(_, tissue)| !tissue.is_rigid());
+        soft.map(|(name, tissue)| match tissue {
+            TissueEntry::Regions(_) => (name.as_str(), None),
+            TissueEntry::Table(table) => (name.as_str(), table.young),
         })
     }
 

@@ -1,6 +1,6 @@
 //! Creation of a stage from a scene.
 
-use super::{NodeSource, STEPS, Stage};
+use super::{NodeSource, Stage};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::SolverKind;
@@ -8,7 +8,7 @@ use crate::physics::grid::GridShape;
 use crate::scene::active_blade::ActiveBlade;
 use crate::scene::appearance::SceneAppearance;
 use crate::scene::simulator::SimulatorSetup;
-use crate::scene::{Motion, Scene, ToolEntry, bodies};
+use crate::scene::{Motion, PlannedRun, Scene, ToolEntry, bodies};
 use crate::{Error, Result, no_progress};
 
 impl Stage {
@@ -125,7 +125,7 @@ impl Stage {
             cutters,
             journal: None,
             backdrop: [0.0, 0.0, 0.0, 1.0],
-            steps: scene.solver.steps.unwrap_or(STEPS),
+            steps: scene.solver.steps.unwrap_or(PlannedRun::DEFAULT_STEPS),
             cached: None,
             pictures: [0; 2],
             depth: None,

@@ -47,9 +47,6 @@ use crate::mesh::TetMesh;
 use crate::skin::Skin;
 use drawing::CachedFrame;
 
-/// Default number of steps before a picture, if the scene has a solver.
-pub const STEPS: u32 = 50;
-
 /// A scene ready to be simulated and rendered.
 pub struct Stage {
     pub(super) gpu: Gpu,

@@ -3,7 +3,7 @@
 use super::{Motion, Stage};
 use crate::Result;
 use crate::cage::CageReport;
-use crate::gpu::{Gpu, texture_loads};
+use crate::gpu::{Gpu, Shaders};
 use crate::physics::{Energy, Engine, MemberReport, Reaction, Report};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -161,7 +161,7 @@ impl Stage {
         let step_ms = self.time_steps(frames)?;
         let step_dispatches = self.count_step()?;
         // The device may have been used meanwhile by passes that are not shaders of that name.
-        let loads = |name: &String| Some((name.clone(), texture_loads(name).ok()?));
+        let loads = |name: &String| Some((name.clone(), Shaders::texture_loads(name).ok()?));
         let step_loads = step_dispatches.keys().filter_map(loads).collect();
         if let Some(motion) = self.motion_mut() {
             motion.set_sleep_allowed(sleeps);

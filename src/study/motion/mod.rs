@@ -12,7 +12,7 @@ mod trial;
 use super::{Cell, Row, Run};
 use crate::Result;
 use crate::physics::{CgSettings, SolverKind};
-use crate::study::reference_motion::fitted_order;
+use crate::study::reference_motion::ReferenceMotion;
 use setting::MotionSetting;
 use std::path::Path;
 use trial::{MotionTrial, STOPS};
@@ -169,7 +169,7 @@ fn truths(run: &Run, trials: &mut [MotionTrial]) -> Result<Vec<Row>> {
             "float64, extrapolated".into(),
             rounded(trial.h(2 * last.steps)),
             rounded(last.change),
-            rounded(fitted_order(&changes)),
+            rounded(ReferenceMotion::fitted_order(&changes)),
             rounded(last.extrapolated),
             halvings.len().into(),
         ])

@@ -3,9 +3,7 @@
 use crate::generate;
 use crate::gpu::Gpu;
 use crate::physics::{CpuTets, Material, Precision, Simulator, SolverKind};
-use crate::study::reference_motion::{
-    MotionState, converged, distance, fitted_order, motion, reference_motion,
-};
+use crate::study::reference_motion::{MotionState, ReferenceMotion};
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -45,14 +43,15 @@ pub fn run(run: &Run) -> Result<(String, Vec<String>)> {
     let mut text =
         String::from("| order of convergence | undamped | damped |\n| --- | --- | --- |\n");
     for kind in SolverKind::ALL {
-        let orders = DAMPED.map(|(name, _)| fitted_order(&places(&rows, name, kind)));
+        let orders =
+            DAMPED.map(|(name, _)| ReferenceMotion::fitted_order(&places(&rows, name, kind)));
         text += &format!("| {kind} | {:.2} | {:.2} |\n", orders[0], orders[1]);
     }
     let mut charts = Vec::new();
     for (name, _) in DAMPED {
         let series = SolverKind::ALL.map(|kind| {
             let points = places(&rows, name, kind);
-            let order = fitted_order(&points);
+            let order = ReferenceMotion::fitted_order(&points);
             Series::new(
                 format!("{kind}: order {order:.2}"),
                 SeriesStyle::LineMarks,
@@ -113,7 +112,7 @@ impl Bar {
             damping_time,
             ..Material::uniform_springs(3_000.0, 0.0)
         };
-        let (kind, settings) = converged(SolverKind::VelocityVerlet);
+        let (kind, settings) = ReferenceMotion::converged_scheme(SolverKind::VelocityVerlet);
         let mut simulator = CpuTets::new(
             gpu,
             mesh.clone(),
@@ -139,11 +138,11 @@ impl Bar {
         };
         let rest = MotionState::rest(&bar.simulator);
         if let Some(states) = bar.motion(SolverKind::Verlet, 64)? {
-            bar.way = distance(&states, &vec![rest; states.len()]);
+            bar.way = MotionState::distance(&states, &vec![rest; states.len()]);
         }
         let way = bar.way;
         let run = |steps| bar.motion(SolverKind::VelocityVerlet, steps);
-        let found = reference_motion(64, 1 << 12, 1e-9, way, run)?;
+        let found = ReferenceMotion::new(64, 1 << 12, 1e-9, way, run)?;
         let found = found.ok_or_else(|| {
             Error::Input("the reference motion of the bar diverges in float64".into())
         })?;
@@ -153,10 +152,10 @@ impl Bar {
 
     fn motion(&mut self, kind: SolverKind, steps: u32) -> Result<Option<Vec<MotionState>>> {
         let steps = [STOPS, steps];
-        motion(
+        ReferenceMotion::simulate(
             &mut self.simulator,
             &self.start,
-            converged(kind),
+            ReferenceMotion::converged_scheme(kind),
             DURATION,
             steps,
         )
@@ -164,6 +163,8 @@ impl Bar {
 
     fn error(&mut self, solver: &str, steps: u32) -> Result<f64> {
         let found = self.motion(solver.parse()?, steps)?;
-        Ok(found.map_or(f64::NAN, |found| distance(&found, &self.truth) / self.way))
+        Ok(found.map_or(f64::NAN, |found| {
+            MotionState::distance(&found, &self.truth) / self.way
+        }))
     }
 }

@@ -8,9 +8,7 @@ use crate::physics::{
     CgSettings, CpuTets, DiscreteModel, Engine, Material, Precision, Simulator, SolverKind,
     largest_stable_step,
 };
-use crate::study::reference_motion::{
-    MotionState, ReferenceMotion, Scheme, converged, distance, motion, reference_motion,
-};
+use crate::study::reference_motion::{MotionState, ReferenceMotion, Scheme};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -106,7 +104,7 @@ impl MotionTrial {
                 "{name}: the motion study needs a body with springs or elements"
             )));
         };
-        let (kind, settings) = converged(simulator.integrator());
+        let (kind, settings) = ReferenceMotion::converged_scheme(simulator.integrator());
         let own: (TetMesh, DiscreteModel) = (simulator.mesh().clone(), network.clone());
         // The material matters only when a body is cut.
         let material = Material::from_young(1.0);
@@ -245,10 +243,10 @@ impl MotionTrial {
         let steps = self.fewest_stable(kind);
         let mut run = |steps| {
             let (double, start) = (self.double.as_mut(), &self.start);
-            motion(
+            ReferenceMotion::simulate(
                 double,
                 start,
-                converged(kind),
+                ReferenceMotion::converged_scheme(kind),
                 self.duration,
                 [STOPS, steps],
             )
@@ -256,7 +254,9 @@ impl MotionTrial {
         let probe = run(2 * steps)?;
         let scale = probe.map(|probe| motion_scale(&self.rest, &probe));
         let found = match scale {
-            Some(scale) => reference_motion(steps, 64 * steps, REFERENCE_TOLERANCE, scale, run)?,
+            Some(scale) => {
+                ReferenceMotion::new(steps, 64 * steps, REFERENCE_TOLERANCE, scale, run)?
+            }
             None => None,
         };
         found.ok_or_else(|| self.no_truth())
@@ -291,7 +291,7 @@ impl MotionTrial {
         found.ms = outcome.ms / self.duration;
         let truth = self.reference()?.states.clone();
         let scale = motion_scale(&self.rest, &truth);
-        found.error = distance(&outcome.states, &truth) / scale;
+        found.error = MotionState::distance(&outcome.states, &truth) / scale;
         found.largest = self.farthest(&outcome.states, &truth);
         if !setting.rapier {
             self.split_error(setting, &outcome.states, scale, &mut found)?;
@@ -313,9 +313,9 @@ impl MotionTrial {
         found: &mut MotionErrors,
     ) -> Result<()> {
         let truth = self.reference()?.states.clone();
-        let apart = |a: &[MotionState], b: &[MotionState]| distance(a, b) / scale;
+        let apart = |a: &[MotionState], b: &[MotionState]| MotionState::distance(a, b) / scale;
         let (kind, steps) = (setting.kind, setting.steps);
-        let double = self.solved(DOUBLE, converged(kind), steps)?;
+        let double = self.solved(DOUBLE, ReferenceMotion::converged_scheme(kind), steps)?;
         let single = match kind.is_implicit() {
             true => self.solved(SINGLE, (kind, AS_FAR_AS_F32), steps)?,
             false => Some(states.to_vec()),
@@ -347,7 +347,7 @@ impl MotionTrial {
             DOUBLE => self.double.as_mut(),
             _ => self.simulator.as_mut(),
         };
-        let found = motion(
+        let found = ReferenceMotion::simulate(
             simulator,
             &self.start,
             scheme,
@@ -404,5 +404,5 @@ impl MotionTrial {
 
 /// √ΣΣ|x − rest|² over all stops: the scale of relative errors.
 fn motion_scale(rest: &MotionState, states: &[MotionState]) -> f64 {
-    distance(states, &vec![rest.clone(); states.len()])
+    MotionState::distance(states, &vec![rest.clone(); states.len()])
 }

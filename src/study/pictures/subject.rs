@@ -8,7 +8,6 @@ use crate::mesh::{LocalFrame, Location, TetMesh, Topology, bounds, depth_field};
 use crate::render::{
     Camera, Geometry, Image, Isosurface, Light, Lighting, Plane, PlaneKind, RaycastOptions,
     Raycaster, ReferenceRaycaster, Scalars, Sections, TransferFunction, local_positions,
-    node_gradients, shade, shade_surface,
 };
 use crate::scene::Stage;
 use crate::study::bodies;
@@ -233,9 +232,9 @@ impl StudyBody {
             let gradient =
                 |tet: u32, p: DVec3| mix(&gradients, tet, rays.barycentric_weights(tet, p));
             let rest = |tet: u32, weights: [f64; 4]| mix(&self.mesh.nodes, tet, weights);
-            let volume = |tet: u32, p: DVec3, way: DVec3| shade(light, gradient(tet, p), way);
+            let volume = |tet: u32, p: DVec3, way: DVec3| light.shade(gradient(tet, p), way);
             let surface =
-                |tet: u32, p: DVec3, way: DVec3| shade_surface(light, gradient(tet, p), way);
+                |tet: u32, p: DVec3, way: DVec3| light.shade_surface(gradient(tet, p), way);
             let lighting = Lighting {
                 volume: &volume,
                 surface: &surface,
@@ -267,7 +266,7 @@ impl StudyBody {
             }
         };
         let topology = Topology::new(&self.mesh);
-        node_gradients(
+        Geometry::reference_node_gradients(
             &self.mesh,
             &topology,
             &local,

@@ -6,12 +6,13 @@ use crate::generate;
 use crate::gpu::Gpu;
 use crate::mesh::{Blade, Location, TetMesh, Topology};
 use crate::parallel;
-use crate::physics::{ClampedEnd, Engine, EngineChoice, GpuBody, Material, SolverKind};
-use crate::render::{Camera, Geometry, RaycastOptions, Raycaster, TransferFunction};
-use crate::render::{ReferenceRaycaster, TableKind, segment_integral, tet_gradient, tet_planes};
+use crate::physics::{Engine, EngineChoice, GpuBody, Material, SolverKind};
+use crate::render::{
+    Camera, Geometry, RaycastOptions, Raycaster, ReferenceRaycaster, TableKind, TransferFunction,
+};
 use crate::scene::median_ms;
-use crate::study::Cell;
 use crate::study::pictures::frame_ms;
+use crate::study::{Cell, hold_one_end};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::hint::black_box;
@@ -122,10 +123,7 @@ impl Cube {
         let engine = if on == GPU { Engine::Gpu } else { Engine::Cpu };
         let choice = EngineChoice::Exactly(engine);
         let mut body = choice.build_tets(gpu, self.mesh.clone(), &Material::soft_tissue(), kind)?;
-        let (rest, edges) = (&body.mesh().nodes, body.edge_nodes().into_iter());
-        let (end, _) = ClampedEnd::of_largest_component(rest, body.masses(), edges, DVec3::NEG_Z);
-        body.pin_nodes(&end.nodes)?;
-        body.loads_mut().set_gravity(9.81 * end.load_direction());
+        hold_one_end(body.as_mut())?;
         let limit = body.largest_stable_step();
         let dt = limit.map_or(IMPLICIT_STEP, |limit| 0.5 * limit);
         let ms = median_ms(repeats, || body.run(1, dt).map(drop))?;
@@ -153,7 +151,10 @@ impl Cube {
                 .map(|(t, nodes)| {
                     let corners = self.mesh.tet_nodes(t);
                     let scalars = nodes.map(|v| self.scalars[v as usize]);
-                    (tet_planes(corners), tet_gradient(corners, scalars))
+                    (
+                        Geometry::reference_tet_planes(corners),
+                        Geometry::reference_tet_gradient(corners, scalars),
+                    )
                 })
                 .collect();
             black_box(made);
@@ -239,7 +240,7 @@ impl Cube {
             let made = parallel::map_coarse(slices as usize * texels, |i| {
                 let [x, y] = [i % side, i / side % side].map(|k| k as f64 / side as f64);
                 let depth = f64::from(2.0f32).powi((i / texels / 4) as i32 - 5);
-                segment_integral(&transfer, x, y, depth / transfer.max_extinction())
+                transfer.segment_integral(x, y, depth / transfer.max_extinction())
             });
             black_box(made);
             Ok(())

@@ -41,7 +41,8 @@ const fn arrays(part: &'static str, each: Each, item: u64, roomy: bool, arrays: 
     }
 }
 
-const PARTS: [&str; 4] = ["body", "symplectic", "implicit", "geometry"];
+/// The parts whose memory on the device is measured.
+pub(crate) const DEVICE_PARTS: [&str; 4] = ["body", "symplectic", "implicit", "geometry"];
 
 const ARRAYS: [Arrays; 14] = [
     // Positions, velocities, external forces, rows; masses.
@@ -143,7 +144,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
     };
     let points: Vec<Vec<Cell>> = tets
         .iter()
-        .flat_map(|n| PARTS.map(|part| vec![Cell::from(part), Cell::from(*n)]))
+        .flat_map(|n| DEVICE_PARTS.map(|part| vec![Cell::from(part), Cell::from(*n)]))
         .collect();
     let rows = run.measure("scaling-memory", &SETTINGS, &RESULTS, &points, |point| {
         let cells = (point[1].number() / 6.0).cbrt().round() as usize;
@@ -159,7 +160,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
             given.into(),
         ])
     })?;
-    let series = PARTS.iter().flat_map(|part| {
+    let series = DEVICE_PARTS.iter().flat_map(|part| {
         let of = |column: &str| {
             let own = rows.iter().filter(|r| r.text("part") == *part);
             own.map(|r| [r.number("tets"), r.number(column) / r.number("tets")])
@@ -188,7 +189,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
     let mut text = String::from(
         "| part | bytes per node | per tet | per boundary face | per spring | largest mesh, bytes per tet: computed | measured | by the driver |\n|---|---|---|---|---|---|---|---|",
     );
-    for part in PARTS {
+    for part in DEVICE_PARTS {
         let last = rows.iter().rev().find(|r| r.text("part") == part);
         let Some(last) = last else { continue };
         let a_tet = |column: &str| last.number(column) / last.number("tets");
@@ -213,7 +214,7 @@ pub(super) fn measure(run: &Run) -> Result<(String, String)> {
 }
 
 /// Returns the bytes of arrays and of driver allocations for one part.
-pub(super) fn part_bytes(gpu: &Gpu, part: &str, mesh: &TetMesh) -> Result<(f64, f64)> {
+pub(crate) fn part_bytes(gpu: &Gpu, part: &str, mesh: &TetMesh) -> Result<(f64, f64)> {
     let body = || GpuBody::new(gpu, mesh, &Material::soft_tissue());
     match part {
         "body" => taken(gpu, body).map(|(_, made, given)| (made, given)),

@@ -12,6 +12,7 @@ use std::path::Path;
 
 pub use memory::computed_bytes;
 pub(super) use memory::taken;
+pub(crate) use memory::{DEVICE_PARTS, part_bytes};
 
 /// Columns that identify a point.
 const SETTINGS: [&str; 7] = [

@@ -11,9 +11,10 @@ use super::{Cell, Run};
 use crate::Result;
 use crate::generate;
 use crate::mesh::TetMesh;
-use crate::render::{Image, ImageDifference, Mode, Raycaster};
+use crate::render::{Image, ImageDifference, Mode, RaycastOptions, Raycaster};
 use std::path::Path;
-use subject::{BALL, ScanRepresentation, Subject};
+
+pub(crate) use subject::{BALL, ScanRepresentation, Subject};
 
 /// Kinds of points.
 const KINDS: [(&str, ScanRepresentation); 3] = [
@@ -132,7 +133,10 @@ fn drawn(
     knows: ScanRepresentation,
 ) -> Result<MeshRenderer> {
     let mesh = generate::ball(BALL, cells)?;
-    let (caster, arrays, _) = taken(run.gpu, || subject.raycaster(run, &mesh, knows))?;
+    let options = RaycastOptions::default();
+    let make = || subject.raycaster(run.gpu, &mesh, knows, options);
+    let ((caster, notes), arrays, _) = taken(run.gpu, make)?;
+    notes.iter().for_each(|note| run.report_note(note));
     let of_scan = match knows {
         ScanRepresentation::Scan => subject.scan_bytes(),
         ScanRepresentation::Means | ScanRepresentation::Samples => 0.0,

@@ -2,19 +2,19 @@
 
 use super::phantom;
 use crate::Result;
+use crate::gpu::Gpu;
 use crate::mesh::{LocalFrame, TetMesh, Topology};
 use crate::parallel;
 use crate::render::{
-    AbsoluteTransferFunction, Camera, Geometry, Image, RaycastOptions, Raycaster, Scan,
-    local_positions,
+    AbsoluteTransferFunction, Camera, Geometry, Image, RaycastOptions, Raycaster,
+    ReferenceRaycaster, Scan, local_positions,
 };
-use crate::study::Run;
 use glam::{DVec2, DVec3};
 
 /// Bend radius of the z-axis.
 const BEND: f64 = 1.0;
 /// Radius of the ball at rest.
-pub(super) const BALL: f64 = 0.5;
+pub(crate) const BALL: f64 = 0.5;
 const BOUNDING_RADIUS: f64 = 0.6;
 /// Samples per voxel of the reference image.
 pub(super) const REFERENCE_SAMPLES_PER_VOXEL: f64 = 8.0;
@@ -23,7 +23,7 @@ const OPAQUE: f64 = 1.0 - 1e-6;
 
 /// How a mesh represents the scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ScanRepresentation {
+pub(crate) enum ScanRepresentation {
     /// The mesh carries the scan.
     Scan,
     /// Nodal values: means over the cells of the nodes.
@@ -46,7 +46,7 @@ fn unbent(p: DVec3) -> DVec3 {
 }
 
 /// The scan, and how it is rendered.
-pub(super) struct Subject {
+pub(crate) struct Subject {
     scan: Scan,
     transfer: AbsoluteTransferFunction,
     pub camera: Camera,
@@ -117,14 +117,23 @@ impl Subject {
         })
     }
 
-    /// Returns the raycaster of `mesh`, bent.
+    /// Computes the float64 image of the scan carried by `mesh`, bent, with `samples` per voxel.
+    pub fn exact_through(&self, mesh: &TetMesh, samples: f64) -> Vec<[f64; 4]> {
+        let positions: Vec<DVec3> = mesh.nodes.iter().map(|p| bent(*p)).collect();
+        let rays = ReferenceRaycaster::from_scan(mesh, &positions, &self.scan, samples);
+        rays.render(&self.camera, self.size, |rays, ray| {
+            rays.composite(ray, &self.transfer)
+        })
+    }
+
+    /// Returns the raycaster of `mesh`, bent, and notes for the user.
     pub fn raycaster(
         &self,
-        run: &Run,
+        gpu: &Gpu,
         mesh: &TetMesh,
         knows: ScanRepresentation,
-    ) -> Result<Raycaster> {
-        let gpu = run.gpu;
+        options: RaycastOptions,
+    ) -> Result<(Raycaster, Vec<String>)> {
         let frame = LocalFrame::from_mesh(mesh);
         let positions: Vec<DVec3> = mesh.nodes.iter().map(|p| bent(*p)).collect();
         let positions = local_positions(gpu, &frame, &positions)?;
@@ -141,13 +150,12 @@ impl Subject {
         if knows == ScanRepresentation::Scan {
             geometry.store_rest_positions(mesh)?;
         }
-        let (transfer, options) = (phantom::transfer()?, RaycastOptions::default());
-        let mut caster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
-        if knows == ScanRepresentation::Scan {
-            let notes = caster.set_scans(mesh, std::slice::from_ref(&self.scan))?;
-            notes.iter().for_each(|note| run.report_note(note));
-        }
-        Ok(caster)
+        let mut caster = Raycaster::with_options(gpu, geometry, &phantom::transfer()?, options)?;
+        let notes = match knows {
+            ScanRepresentation::Scan => caster.set_scans(mesh, std::slice::from_ref(&self.scan))?,
+            ScanRepresentation::Means | ScanRepresentation::Samples => Vec::new(),
+        };
+        Ok((caster, notes))
     }
 }
 
@@ -156,7 +164,6 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::generate;
-    use crate::render::ReferenceRaycaster;
 
     /// Returns the RMS difference, in 1/255.
     fn rms_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
@@ -192,16 +199,7 @@ mod tests {
         assert!(finer < 0.1, "{finer}");
         let through_tets = |cells: usize| {
             let mesh = generate::ball(BALL, cells).unwrap();
-            let positions: Vec<DVec3> = mesh.nodes.iter().map(|p| bent(*p)).collect();
-            let rays = ReferenceRaycaster::from_scan(
-                &mesh,
-                &positions,
-                &subject.scan,
-                REFERENCE_SAMPLES_PER_VOXEL,
-            );
-            let all = rays.render(&subject.camera, subject.size, |rays, ray| {
-                rays.composite(ray, &subject.transfer)
-            });
+            let all = subject.exact_through(&mesh, REFERENCE_SAMPLES_PER_VOXEL);
             rms_difference(&pixels, &all)
         };
         let [few, many] = [8, 24].map(through_tets);

@@ -7,7 +7,7 @@ use crate::physics::{
     Capability, CpuTets, DiscreteModel, Material, Precision, Simulator, SolverKind,
     largest_stable_step,
 };
-use crate::study::reference_motion::converged;
+use crate::study::reference_motion::ReferenceMotion;
 use crate::study::static_equilibrium::{at_rest, materials, poisson};
 use crate::study::{Cell, Run};
 use glam::DVec3;
@@ -83,7 +83,7 @@ fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
         .map(|(f, _)| -f.x)
         .sum();
 
-    let (kind, settings) = converged(SolverKind::Implicit);
+    let (kind, settings) = ReferenceMotion::converged_scheme(SolverKind::Implicit);
     let mut body = CpuTets::new(
         run.gpu,
         mesh.clone(),

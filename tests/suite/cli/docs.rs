@@ -372,7 +372,10 @@ fn invalid_documented_commands_are_detected() {
         ),
         ("`cargo test --test suite cli::no_such_test`", 1),
         ("`cargo test --test suite -- --nocapture no_such_test`", 1),
-        ("`cargo bench --bench cut`, `cargo bench --bench cat`", 1),
+        (
+            "`cargo bench --bench steps`, `cargo bench --bench stpes`",
+            1,
+        ),
         (
             "`cargo run --example quickstart`, `cargo run --example slowstart`",
             1,

@@ -346,13 +346,10 @@ fn one_of_several_volumes_is_meshed_by_number() {
         ));
         let told: serde_json::Value = serde_json::from_str(&told).unwrap();
         assert_eq!(told["regions"][0]["label"], label);
-        let source = palpate::scene::MeshSource {
-            file: Some(path.clone()),
-            volume: number.parse().ok(),
-            tets: Some(500),
-            ..Default::default()
-        };
-        let mesh = source.load().unwrap();
+        let mut scene = palpate::scene::Scene::of_mesh(&path);
+        scene.mesh.volume = number.parse().ok();
+        scene.mesh.tets = Some(500);
+        let mesh = scene.mesh.load().unwrap();
         let field = mesh.field("label", palpate::mesh::Location::Cell).unwrap();
         assert!(field.values.iter().all(|v| *v == f64::from(label)));
     }

@@ -1,6 +1,7 @@
 //! End-to-end tests of the command line.
 
 mod bake;
+mod bench;
 /// The program's flags module.
 #[allow(dead_code)]
 #[path = "../../../src/cli/mod.rs"]

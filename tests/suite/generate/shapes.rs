@@ -6,9 +6,7 @@ use palpate::generate::{
     Bore, GENERATORS, Lump, Split, ball, bar_of_about, benchmark_cube, box_mesh, breast, by_name,
     duct, liver, paper_bar,
 };
-use palpate::mesh::{
-    Location, QualityReport, TetMesh, Topology, morton_order, point_triangle_distance,
-};
+use palpate::mesh::{Location, QualityReport, TetMesh, Topology, point_triangle_distance};
 
 #[test]
 fn boxes_have_expected_volume_and_counts() {
@@ -161,7 +159,7 @@ fn benchmark_cube_matches_peer_benchmarks() {
 #[test]
 fn morton_order_is_permutation_with_better_locality() {
     let mesh = benchmark_cube(12, false).unwrap();
-    let order = morton_order(&mesh);
+    let order = mesh.morton_order();
     let mut sorted = order.clone();
     sorted.sort_unstable();
     assert!(sorted.iter().enumerate().all(|(i, t)| i == *t as usize));

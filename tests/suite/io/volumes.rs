@@ -439,7 +439,7 @@ fn all_files() -> Vec<crate::io::volume_files::File> {
 
 fn parse(file: &crate::io::volume_files::File, bytes: &[u8]) -> Result<Volume, String> {
     let beside = file.beside.first().map_or(&[][..], |(_, bytes)| bytes);
-    io::fuzz::volume(bytes, beside)
+    io::fuzz::Readers::volume(bytes, beside)
 }
 
 #[test]
@@ -571,5 +571,5 @@ fn volume_report_states_orientation_and_labels() {
 fn rejects_gzip_without_volume() {
     let error = read("a.nii.gz", &gzip(b"nothing of the kind"), &[]).unwrap_err();
     assert!(error.to_string().contains("NIfTI header"), "{error}");
-    assert!(io::fuzz::volume(&[], &[]).is_err());
+    assert!(io::fuzz::Readers::volume(&[], &[]).is_err());
 }

@@ -3,7 +3,7 @@
 use approx::assert_relative_eq;
 use glam::{DQuat, DVec3};
 use palpate::generate::{Split, ball, box_mesh};
-use palpate::mesh::{QualityReport, TetMesh, dihedral_angles, tet_quality};
+use palpate::mesh::{QualityReport, TetMesh, TetQuality};
 
 fn regular() -> [DVec3; 4] {
     [
@@ -16,7 +16,7 @@ fn regular() -> [DVec3; 4] {
 
 #[test]
 fn regular_tet_has_highest_quality() {
-    let q = tet_quality(regular().map(|p| 1e-3 * p + DVec3::splat(7.0)));
+    let q = TetQuality::new(regular().map(|p| 1e-3 * p + DVec3::splat(7.0)));
     assert_relative_eq!(q.mean_ratio, 1.0, epsilon = 1e-9);
     assert_relative_eq!(
         q.min_dihedral,
@@ -33,7 +33,7 @@ fn dihedral_angles_are_per_edge_and_similarity_invariant() {
     let other = 3.0f64.sqrt().recip().acos().to_degrees();
     let turn = DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -2.0);
     for v in [corner, corner.map(|p| turn * p * 1e-4 - DVec3::ONE)] {
-        let angles = dihedral_angles(v);
+        let angles = TetQuality::dihedral_angles(v);
         for (angle, exact) in angles.iter().zip([90.0, 90.0, 90.0, other, other, other]) {
             assert_relative_eq!(*angle, exact, epsilon = 1e-6);
         }
@@ -44,13 +44,13 @@ fn dihedral_angles_are_per_edge_and_similarity_invariant() {
 fn quality_distinguishes_flat_inverted_and_collapsed_tets() {
     let [a, b, c, d] = regular();
     assert_relative_eq!(
-        tet_quality([a, b, c, d]).mean_ratio,
-        -tet_quality([b, a, c, d]).mean_ratio
+        TetQuality::new([a, b, c, d]).mean_ratio,
+        -TetQuality::new([b, a, c, d]).mean_ratio
     );
-    let flat = tet_quality([DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y]);
+    let flat = TetQuality::new([DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y]);
     assert_eq!(flat.mean_ratio, 0.0);
     assert_relative_eq!(flat.max_dihedral, 180.0);
-    let point = tet_quality([DVec3::ONE; 4]);
+    let point = TetQuality::new([DVec3::ONE; 4]);
     assert_eq!((point.mean_ratio, point.min_dihedral), (0.0, 0.0));
 }
 
@@ -68,7 +68,7 @@ fn quality_report_counts_angles_and_lists_worst_first() {
     assert_eq!(q.slivers, 0);
     assert_relative_eq!(q.max_dihedral, 90.0, epsilon = 1e-9);
     let mean =
-        (1.0 + 4.0 * tet_quality([DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]).mean_ratio) / 5.0;
+        (1.0 + 4.0 * TetQuality::new([DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z]).mean_ratio) / 5.0;
     assert_relative_eq!(q.mean, mean, epsilon = 1e-9);
 
     // Moves a corner nearly into the opposite face of its tet.
@@ -79,7 +79,7 @@ fn quality_report_counts_angles_and_lists_worst_first() {
     assert!(ordered && q.worst.len() == 10);
     assert!(q.slivers >= 1 && q.min == q.worst[0].quality);
     assert!(q.worst.iter().any(|w| w.tet == 12_345));
-    assert!((0..mesh.tets.len()).all(|t| tet_quality(mesh.tet_nodes(t)).mean_ratio >= q.min));
+    assert!((0..mesh.tets.len()).all(|t| TetQuality::new(mesh.tet_nodes(t)).mean_ratio >= q.min));
 }
 
 #[test]

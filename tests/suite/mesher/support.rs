@@ -1,7 +1,7 @@
 //! Domains with known results, and invariants of every meshed domain.
 
 use glam::{DAffine3, DVec3};
-use palpate::mesh::{BoundaryReport, NO_NEIGHBOUR, TetMesh, Topology, dihedral_angles};
+use palpate::mesh::{BoundaryReport, NO_NEIGHBOUR, TetMesh, TetQuality, Topology};
 use palpate::mesher::{Domain, MeshOptions, MeshedDomain, Spacing, mesh_domain};
 use palpate::no_progress;
 use palpate::volume::{Raw, Volume};
@@ -160,7 +160,7 @@ pub fn angles(filling: &MeshedDomain) -> (f64, f64) {
     let all = filling
         .tets
         .iter()
-        .flat_map(|t| dihedral_angles(t.map(|v| filling.nodes[v as usize])));
+        .flat_map(|t| TetQuality::dihedral_angles(t.map(|v| filling.nodes[v as usize])));
     all.fold((180.0, 0.0), |(low, high): (f64, f64), a| {
         (low.min(a), high.max(a))
     })

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use palpate::gpu::Gpu;
 use palpate::mesh::TetMesh;
-use palpate::physics::reference::integrators;
+use palpate::physics::reference::integrators::ReferenceIntegrator;
 use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{DiscreteModel, GpuBody, Material, Solver, SolverKind};
 
@@ -114,19 +114,9 @@ impl Twins {
 
 /// Makes `steps` steps of the scheme `kind` in float64.
 pub fn step_truth(kind: SolverKind, p: &mut ReferenceSprings, steps: u32, h: f64) {
-    let mut verlet = integrators::Verlet::default();
-    let mut velocity_verlet = integrators::VelocityVerlet::default();
+    let mut integrator = ReferenceIntegrator::new(kind, 1e-10);
     for _ in 0..steps {
-        match kind {
-            SolverKind::Explicit => integrators::explicit_euler(p, h),
-            SolverKind::Symplectic => integrators::symplectic_euler(p, h),
-            SolverKind::Verlet => verlet.step(p, h),
-            SolverKind::VelocityVerlet => velocity_verlet.step(p, h),
-            SolverKind::Implicit => {
-                integrators::implicit_euler(p, h, 1e-10).unwrap();
-            }
-            kind => panic!("{kind} does not support springs"),
-        }
+        integrator.step(p, h).unwrap();
     }
 }
 

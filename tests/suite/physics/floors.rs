@@ -60,14 +60,17 @@ fn ball_rests_on_floor() {
 fn scene_floor_supports_body_and_rejects_zero_normal() {
     let scene = "[mesh]\ngenerate = \"bar\"\ntets = 300\n[solver]\nname = \"implicit\"\ndt = 0.01\n\
                  [floor]\npoint = [0, 0, -0.3]\n[picture]\nsize = [64, 64]\n";
-    let mut scene = palpate::scene::Scene::parse(scene).unwrap();
-    let mut stage = palpate::scene::Stage::new(&gpu(), &scene).unwrap();
-    assert!(!stage.notes().iter().any(|n| n.starts_with("clamped")));
-    stage.run(80, &mut |_| {}).unwrap();
-    let mesh = stage.deformed_mesh().unwrap();
+    let stage = |text: &str| {
+        let scene = palpate::scene::Scene::parse(text).unwrap();
+        palpate::scene::Stage::new(&gpu(), &scene)
+    };
+    let mut stood = stage(scene).unwrap();
+    assert!(!stood.notes().iter().any(|n| n.starts_with("clamped")));
+    stood.run(80, &mut |_| {}).unwrap();
+    let mesh = stood.deformed_mesh().unwrap();
     let lowest = mesh.nodes.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
     assert!((-0.31..-0.29).contains(&lowest), "{lowest}");
-    scene.floor.as_mut().unwrap().normal = Some([0.0; 3]);
-    let wrong = palpate::scene::Stage::new(&gpu(), &scene).err().unwrap();
+    let flat = scene.replace("-0.3]", "-0.3]\nnormal = [0, 0, 0]");
+    let wrong = stage(&flat).err().unwrap();
     assert!(wrong.to_string().contains("invalid floor"), "{wrong}");
 }

@@ -3,7 +3,7 @@
 use crate::support::gpu;
 use glam::{DMat3, DVec3};
 use palpate::generate;
-use palpate::gpu::{Pass, add_shader};
+use palpate::gpu::{Pass, Shaders};
 use palpate::mesh::LocalFrame;
 use palpate::physics::integrator::{Integrator, Stage, Step, StepResources, Timing};
 use palpate::physics::{
@@ -46,7 +46,7 @@ impl<const FORCES: usize> Integrator for Leapfrog<FORCES> {
     const NAME: &'static str = "leapfrog";
 
     fn new(_: &StepResources, _: &GpuBody) -> Result<Self> {
-        add_shader("suite/leapfrog", LEAPFROG)?;
+        Shaders::add("suite/leapfrog", LEAPFROG)?;
         Ok(Leapfrog)
     }
 
@@ -162,7 +162,7 @@ impl NodeTerm for Wind {
 
 #[test]
 fn custom_term_matches_equal_gravity() {
-    add_shader("terms/suite_wind", WIND).unwrap();
+    Shaders::add("terms/suite_wind", WIND).unwrap();
     let across = DVec3::new(0.0, 3.0, -2.0);
     let gpu = gpu();
     let ends = [true, false].map(|blown| {
@@ -193,13 +193,13 @@ fn rejects_invalid_shaders() {
         ("suite/broken", "fn main( {", "suite/broken"),
         ("suite/lost", "#import lib/nowhere\n", "lib/nowhere"),
     ] {
-        let error: Error = add_shader(name, source).unwrap_err();
+        let error: Error = Shaders::add(name, source).unwrap_err();
         assert!(error.to_string().contains(words), "{name}: {error}");
     }
-    add_shader("suite/fine", "@compute @workgroup_size(1) fn main() {}").unwrap();
-    add_shader("suite/fine", "@compute @workgroup_size(1) fn main() {}").unwrap();
+    Shaders::add("suite/fine", "@compute @workgroup_size(1) fn main() {}").unwrap();
+    Shaders::add("suite/fine", "@compute @workgroup_size(1) fn main() {}").unwrap();
     let other = "@compute @workgroup_size(2) fn main() {}";
-    assert!(add_shader("suite/fine", other).is_err());
+    assert!(Shaders::add("suite/fine", other).is_err());
     // A rejected state can be corrected.
-    add_shader("suite/broken", other).unwrap();
+    Shaders::add("suite/broken", other).unwrap();
 }

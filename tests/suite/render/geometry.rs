@@ -4,7 +4,7 @@ use crate::render::common::*;
 use glam::{DVec3, Vec4};
 use palpate::generate;
 use palpate::gpu::{Gpu, Texel};
-use palpate::mesh::{Blade, FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, cut, morton_order};
+use palpate::mesh::{Blade, FACES, LocalFrame, NO_NEIGHBOUR, TetMesh, Topology, cut};
 use palpate::render::*;
 
 /// Returns the records of a mesh after a refresh: eight texels per tet, as floats.
@@ -41,16 +41,16 @@ fn worst(gpu: &Gpu, mesh: &TetMesh, positions: &[DVec3], twin: &[DVec3]) -> [f64
     let frame = LocalFrame::from_mesh(mesh);
     let mut worst = [0.0f64; 3];
     let records = records(gpu, mesh, positions, &scalars);
-    for (record, t) in records.iter().zip(morton_order(mesh)) {
+    for (record, t) in records.iter().zip(mesh.morton_order()) {
         let tet = mesh.tets[t as usize];
         let v = tet.map(|i| in_frame(&frame, twin[i as usize]));
         let s = tet.map(|i| (scalars[i as usize] - low) / (high - low));
-        for (plane, (normal, offset)) in record.iter().zip(tet_planes(v)) {
+        for (plane, (normal, offset)) in record.iter().zip(Geometry::reference_tet_planes(v)) {
             let error = plane.truncate().as_dvec3() - normal;
             worst[0] = worst[0].max(error.length());
             worst[1] = worst[1].max((f64::from(plane.w) - offset).abs());
         }
-        let gradient = tet_gradient(v, s);
+        let gradient = Geometry::reference_tet_gradient(v, s);
         let error = record[4].truncate().as_dvec3() - gradient;
         worst[2] = worst[2].max(error.length() / (1.0 + gradient.length()));
         assert!((f64::from(record[4].w) - s[0]).abs() < 1e-6);
@@ -84,7 +84,7 @@ fn same_planes(mesh: &TetMesh) {
     let positions = bent(mesh);
     let texels = texels(&gpu, mesh, &positions, &waves(mesh));
     let plane = |slot: usize, f: usize| Vec4::from(texels[slot][f].map(f32::from_bits));
-    let order = morton_order(mesh);
+    let order = mesh.morton_order();
     let mut place = vec![0; order.len()];
     order
         .iter()

@@ -2,8 +2,7 @@
 //! them, and inspect them before committing.
 
 use crate::render::common::*;
-use palpate::generate;
-use palpate::mesh::Location;
+use palpate::bench::{GOLDEN_PICTURES, golden_picture};
 use palpate::render::*;
 use std::path::PathBuf;
 
@@ -36,42 +35,10 @@ fn apart(a: &std::path::Path, b: &std::path::Path) -> ImageDifference {
 #[test]
 fn images_match_golden_files() {
     let gpu = gpu();
-    let limb = generate::by_name("limb", Some(12_000)).unwrap();
-    let scalars = limb_scalars(&limb);
-    for preset in ["bone", "tissue", "skin"] {
-        let transfer = TransferFunction::preset(preset).unwrap();
-        let geometry = Geometry::at_rest(&gpu, &limb, &scalars).unwrap();
-        let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
-        let image = caster
-            .image(&Camera::fit_mesh(&limb), [128, 128], Mode::Composite)
-            .unwrap();
-        hold(&image, &format!("limb-{preset}.png"));
+    for name in GOLDEN_PICTURES {
+        let image = golden_picture(&gpu, name).unwrap();
+        hold(&image, &format!("{name}.png"));
     }
-    let cube = generate::benchmark_cube(8, true).unwrap();
-    let scalars = cube.field("scalar", Location::Node).unwrap().values.clone();
-    let transfer = TransferFunction::preset("viridis").unwrap();
-    let geometry = Geometry::at_rest(&gpu, &cube, &scalars).unwrap();
-    let colour = SurfaceColour::Field(transfer.clone());
-    let mut surface = Surface::new(&gpu, &geometry, &scalars, &colour, Shading::Smooth).unwrap();
-    hold(
-        &surface.image(&peers_camera(), [128, 128]).unwrap(),
-        "cube-surface.png",
-    );
-    let mut caster = Raycaster::new(&gpu, geometry, &transfer).unwrap();
-    let camera = Camera::orthographic(
-        peers_camera().eye,
-        peers_camera().look_at,
-        glam::DVec3::Y,
-        1.8,
-    );
-    hold(
-        &caster.image(&camera, [128, 128], Mode::Composite).unwrap(),
-        "cube-viridis.png",
-    );
-    hold(
-        &caster.image(&camera, [128, 128], Mode::Thickness).unwrap(),
-        "cube-thickness.png",
-    );
 }
 
 #[test]

@@ -44,7 +44,8 @@ impl<'a> Lit<'a> {
             .map(|p| (*p - frame.origin) / frame.scale)
             .collect();
         let of_cells = cells.then_some(given);
-        let gradients = node_gradients(mesh, &topology, &local, &shares, of_cells);
+        let gradients =
+            Geometry::reference_node_gradients(mesh, &topology, &local, &shares, of_cells);
         let transfer = TransferFunction::preset("viridis").unwrap();
         Lit {
             caster: Raycaster::with_options(gpu, geometry, &transfer, options).unwrap(),
@@ -72,7 +73,7 @@ impl<'a> Lit<'a> {
                 let nodes = self.mesh.tets[tet as usize];
                 let parts = nodes.iter().zip(weights);
                 let gradient = parts.map(|(v, w)| w * self.gradients[*v as usize]).sum();
-                shade(light, gradient, way)
+                light.shade(gradient, way)
             })
         });
         difference(&image, &truth)
@@ -152,7 +153,7 @@ fn gpu_gradients_match_float64_after_cut() {
             .iter()
             .map(|p| (*p - frame.origin) / frame.scale)
             .collect();
-        let truth = node_gradients(mesh, topology, &local, &shares, None);
+        let truth = Geometry::reference_node_gradients(mesh, topology, &local, &shares, None);
         let apart = found.iter().zip(&truth).map(|(f, t)| {
             let f = DVec3::new(f[0].into(), f[1].into(), f[2].into());
             f.distance(*t) / t.length().max(1.0)
@@ -253,7 +254,7 @@ fn shares_of_light(lit: &Lit, light: Light, strength: f64, inside: &Sections) ->
         transfer.extinction(s)
     };
     let at = [&lit.positions[..], &lit.mesh.nodes[..], &lit.gradients[..]];
-    node_shadows(lit.mesh, at, light, strength, &extinction, inside)
+    Geometry::reference_node_shadows(lit.mesh, at, light, strength, &extinction, inside)
 }
 
 #[test]
@@ -338,7 +339,7 @@ fn shadows_match_float64() {
                         let nodes = mesh.tets[tet as usize].map(|v| v as usize);
                         let gradient = (0..4).map(|k| weights[k] * lit.gradients[nodes[k]]).sum();
                         let share: f64 = (0..4).map(|k| weights[k] * shares[nodes[k]]).sum();
-                        shade(light, gradient, way).map(|x| share * x)
+                        light.shade(gradient, way).map(|x| share * x)
                     })
                 })
             };

@@ -8,7 +8,7 @@ use palpate::mesh::{Blade, FACES, LocalFrame, TetMesh, Topology};
 use palpate::mesher::{ClosedSurface, SurfaceDomain};
 use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::{GpuBody, GrabMode, GridBody, ImplicitEuler, Material, Solver};
-use palpate::render::closest_hit;
+use palpate::render::Hit;
 use palpate::render::{Camera, Geometry, Pick, local_positions};
 
 const SIZE: [u32; 2] = [160, 120];
@@ -49,7 +49,7 @@ impl Tally {
         let (low, high) = palpate::mesh::bounds(nodes);
         let size = (high - low).max_element();
         let ray = camera.ray(pixel, SIZE);
-        let truth = closest_hit(nodes, &faces.0, ray);
+        let truth = Hit::closest(nodes, &faces.0, ray);
         match (found, truth) {
             (None, None) => self.misses += 1,
             (Some(pick), Some(hit)) if faces.1[hit.triangle] == (pick.tet, pick.face) => {
@@ -79,7 +79,7 @@ impl Tally {
                         origin: ray.origin + off,
                         ..ray
                     };
-                    closest_hit(nodes, &faces.0, ray).map(|h| faces.1[h.triangle]) == code
+                    Hit::closest(nodes, &faces.0, ray).map(|h| faces.1[h.triangle]) == code
                 });
                 self.wrong += usize::from(!near);
             }

@@ -4,7 +4,7 @@ use crate::render::common::*;
 use glam::DVec3;
 use palpate::generate;
 use palpate::gpu::Gpu;
-use palpate::mesh::{LocalFrame, MeshPartition, MeshPiece, TetMesh, Topology, kd_partition};
+use palpate::mesh::{LocalFrame, MeshPartition, MeshPiece, TetMesh, Topology};
 use palpate::render::*;
 
 const SIZE: [u32; 2] = [160, 120];
@@ -131,7 +131,7 @@ fn check(name: &str, shown: &mut Shown, parts: &[usize]) -> (f64, f64) {
         for (c, camera) in cameras(shown.mesh).iter().enumerate() {
             let whole = caster.image(camera, SIZE, Mode::Composite).unwrap();
             for parts in parts {
-                let part_of = kd_partition(shown.mesh, *parts).unwrap();
+                let part_of = MeshPartition::kd_parts(shown.mesh, *parts).unwrap();
                 let segments = shown.segments(&gpu, &part_of, camera);
                 let all: usize = segments.iter().map(|t| t.items().len()).sum();
                 let joined = reduced(segments);
@@ -273,7 +273,7 @@ fn ray_segments_match_float64() {
         options: options(Light::None),
     };
     let camera = peers_camera();
-    let part_of = kd_partition(&mesh, 6).unwrap();
+    let part_of = MeshPartition::kd_parts(&mesh, 6).unwrap();
     let parted = MeshPartition::new(&mesh, &part_of).unwrap();
     let frame = LocalFrame::from_mesh(&mesh);
     let forward = (camera.look_at - camera.eye).normalize();
@@ -339,8 +339,8 @@ fn ray_segments_match_float64() {
                 .map(|k| (found[k] - whole[k]).abs())
                 .fold(0.0, f64::max)
         };
-        worst = worst.max(off(composite_intervals(parts)));
-        wrong = wrong.max(off(composite_intervals(&turned)));
+        worst = worst.max(off(ReferenceRaycaster::composite_intervals(parts)));
+        wrong = wrong.max(off(ReferenceRaycaster::composite_intervals(&turned)));
     }
     println!("float64: error {worst:.1e} in depth order, {wrong:.2} in wrong order");
     assert!(worst < 1e-9 && wrong > 0.1, "{worst} {wrong}");
@@ -360,7 +360,7 @@ fn pieces_reject_unsupported_settings_and_grow_segment_buffer() {
             ..options(Light::Head)
         },
     };
-    let part_of = kd_partition(&mesh, 2).unwrap();
+    let part_of = MeshPartition::kd_parts(&mesh, 2).unwrap();
     let parted = MeshPartition::new(&mesh, &part_of).unwrap();
     let piece = parted.extract(0).unwrap();
     let camera = peers_camera();
@@ -402,7 +402,7 @@ fn lighting_without_ghost_tets_shows_seams() {
         transfer: peers_transfer(),
         options: options(Light::Head),
     };
-    let part_of = kd_partition(&mesh, 8).unwrap();
+    let part_of = MeshPartition::kd_parts(&mesh, 8).unwrap();
     let parted = MeshPartition::new(&mesh, &part_of).unwrap();
     let mut off = Vec::new();
     for light in [Light::None, Light::Head] {

@@ -41,7 +41,7 @@ impl<'a> Seen<'a> {
         let shares: Vec<f64> = scalars.iter().map(|s| (s - low) / (high - low)).collect();
         let local = positions.iter().map(|p| (*p - frame.origin) / frame.scale);
         let local: Vec<DVec3> = local.collect();
-        let gradients = node_gradients(mesh, &topology, &local, &shares, None);
+        let gradients = Geometry::reference_node_gradients(mesh, &topology, &local, &shares, None);
         let options = RaycastOptions {
             walk,
             light,
@@ -87,9 +87,9 @@ impl<'a> Seen<'a> {
             let gradient = |tet: u32, p: DVec3| {
                 self.mix(&self.gradients, tet, rays.barycentric_weights(tet, p))
             };
-            let volume = |tet: u32, p: DVec3, way: DVec3| shade(self.light, gradient(tet, p), way);
+            let volume = |tet: u32, p: DVec3, way: DVec3| self.light.shade(gradient(tet, p), way);
             let surface =
-                |tet: u32, p: DVec3, way: DVec3| shade_surface(self.light, gradient(tet, p), way);
+                |tet: u32, p: DVec3, way: DVec3| self.light.shade_surface(gradient(tet, p), way);
             let light = Lighting {
                 volume: &volume,
                 surface: &surface,
@@ -189,7 +189,7 @@ fn organ_planes_and_isosurfaces_match_float64() {
         ("limb", generate::by_name("limb", Some(2_000)).unwrap()),
         (
             "bar",
-            generate::bar_of_about(600, generate::PAPER_BAR_SIZE).unwrap(),
+            generate::bar_of_about(600, DVec3::new(0.12, 0.06, 0.06)).unwrap(),
         ),
         ("foot", generate::by_name("foot", Some(5_000)).unwrap()),
     ]);

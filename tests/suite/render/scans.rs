@@ -146,7 +146,7 @@ fn without_tets(scan: &Scan, camera: &Camera, rest: impl Fn(DVec3) -> DVec3) -> 
                 let (Some(from), Some(to)) = (from, to) else {
                     continue;
                 };
-                let seen = segment_integral(&transfer, from, to, part);
+                let seen = transfer.segment_integral(from, to, part);
                 let clear = 1.0 - sum[3];
                 for k in 0..4 {
                     sum[k] += clear * seen[k];
@@ -295,8 +295,8 @@ fn planes_isosurfaces_and_lighting_use_scan() {
         let f = edges(now) * edges(mesh.tet_nodes(t as usize)).inverse();
         scale * (f.inverse().transpose() * of_rest)
     };
-    let volume = |t: u32, p: DVec3, way: DVec3| shade(Light::Head, gradient(t, p), way);
-    let surface = |t: u32, p: DVec3, way: DVec3| shade_surface(Light::Head, gradient(t, p), way);
+    let volume = |t: u32, p: DVec3, way: DVec3| Light::Head.shade(gradient(t, p), way);
+    let surface = |t: u32, p: DVec3, way: DVec3| Light::Head.shade_surface(gradient(t, p), way);
     for walk in [Traversal::Vertices, Traversal::Planes] {
         for light in [Light::None, Light::Head] {
             let options = RaycastOptions {

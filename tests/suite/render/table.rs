@@ -2,7 +2,7 @@
 
 use crate::render::common::*;
 use palpate::generate;
-use palpate::render::segment_integral;
+use palpate::render::AbsoluteTransferFunction;
 use palpate::render::*;
 
 fn random_transfer(random: &mut Random, density: f64) -> TransferFunction {
@@ -40,7 +40,7 @@ fn errors(
     let found = caster.sample_table(&segments).unwrap();
     let (mut sum, mut most) = (0.0f64, 0.0f64);
     for (segment, found) in segments.iter().zip(&found) {
-        let exact = segment_integral(truth, segment[0], segment[1], segment[2]);
+        let exact = truth.segment_integral(segment[0], segment[1], segment[2]);
         for k in 0..4 {
             let error = 255.0 * (f64::from(found[k]) - exact[k]).abs();
             sum += error * error;
@@ -107,7 +107,7 @@ fn long_segments_match_reference() {
                 .sample_table(&[[0.2, 0.9, d], [0.6, 0.6, d]])
                 .unwrap();
             for (found, s) in found.iter().zip([[0.2, 0.9], [0.6, 0.6]]) {
-                let exact = segment_integral(&truth, s[0], s[1], d);
+                let exact = truth.segment_integral(s[0], s[1], d);
                 let error = (0..4)
                     .map(|k| (f64::from(found[k]) - exact[k]).abs())
                     .fold(0.0, f64::max);

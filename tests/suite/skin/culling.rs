@@ -7,8 +7,8 @@ use palpate::generate;
 use palpate::gpu::{Array, Gpu};
 use palpate::mesh::{LocalFrame, TetMesh, TriMesh, unpack_normal};
 use palpate::render::{Camera, local_positions};
-use palpate::skin::basis::node_normals;
-use palpate::skin::culling::{BaseVisibility, CullData, base_visibility, is_skipped};
+use palpate::skin::BaseMesh;
+use palpate::skin::culling::{BaseVisibility, CullData};
 use palpate::skin::{Mapping, Skin, SkinBase};
 use std::collections::HashSet;
 
@@ -146,7 +146,7 @@ fn twin(skin: &Skin, nodes: &[DVec3], camera: &Camera, plain: bool) -> Vec<(bool
     let base = skin.carrier().rest_mesh();
     let rest: Vec<Option<DVec3>> = base.normals.iter().map(|n| unpack_normal(*n)).collect();
     let tilts = CullData::new(base.nodes, &rest, skin.bound(), &skin.rest().triangles);
-    let normals = node_normals(nodes, base.triangles);
+    let normals = BaseMesh::reference_normals(nodes, base.triangles);
     let outlooks: Vec<BaseVisibility> = tilts
         .bases
         .iter()
@@ -160,7 +160,7 @@ fn twin(skin: &Skin, nodes: &[DVec3], camera: &Camera, plain: bool) -> Vec<(bool
                 look_at: local(camera.look_at),
                 ..*camera
             };
-            let found = base_visibility(base, &nodes, &normals, &camera);
+            let found = BaseVisibility::new(base, &nodes, &normals, &camera);
             match plain {
                 true => BaseVisibility {
                     strain: 1.0,
@@ -176,7 +176,7 @@ fn twin(skin: &Skin, nodes: &[DVec3], camera: &Camera, plain: bool) -> Vec<(bool
         .map(|(of, tilt)| {
             let these = of.map(|b| outlooks[b as usize]);
             let turned = |by: f64| {
-                is_skipped(
+                BaseVisibility::is_skipped(
                     *tilt,
                     these.map(|o| BaseVisibility {
                         angle: o.angle + by,

@@ -6,8 +6,8 @@ use palpate::mesh::{NO_NORMAL, TriMesh, pack_normal};
 use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::{GridBody, Material};
 use palpate::render::Camera;
-use palpate::skin::basis::{node_normals, skin_vertex};
-use palpate::skin::{BaseMesh, Mapping, Skin, SkinBase, Vertices, bind};
+use palpate::skin::basis::VertexBinding;
+use palpate::skin::{BaseMesh, Mapping, Skin, SkinBase, Vertices};
 use std::collections::HashMap;
 
 #[test]
@@ -65,9 +65,9 @@ fn rigid_motion_moves_skin_rigidly() {
             let there: Vec<DVec3> = base.nodes.iter().map(|p| turn * *p).collect();
             let turned_normals: Vec<Option<DVec3>> =
                 normals.iter().map(|n| n.map(|n| turn * n)).collect();
-            let exact = |b| {
-                let before = skin_vertex(b, base.nodes, &normals);
-                let after = skin_vertex(b, &there, &turned_normals);
+            let exact = |b: &VertexBinding| {
+                let before = b.skin(base.nodes, &normals);
+                let after = b.skin(&there, &turned_normals);
                 (after.position.distance(turn * before.position))
                     .max(after.normal.distance(turn * before.normal))
                     .max(after.tangent.distance(turn * before.tangent))
@@ -203,7 +203,7 @@ fn auto_mapping_uses_constant_basis_where_needed_or_invisible() {
         .iter()
         .map(|p| frame.to_local(*p).as_dvec3())
         .collect();
-    let mut normals: Vec<u32> = node_normals(&nodes, &scene.triangles)
+    let mut normals: Vec<u32> = BaseMesh::reference_normals(&nodes, &scene.triangles)
         .iter()
         .map(|n| n.map_or(NO_NORMAL, pack_normal))
         .collect();
@@ -214,7 +214,7 @@ fn auto_mapping_uses_constant_basis_where_needed_or_invisible() {
             triangles: &scene.triangles,
             normals,
         };
-        bind(&base, vertices, &frame, mapping).unwrap()
+        base.bind(vertices, &frame, mapping).unwrap()
     };
     let (_, good) = count(&normals, &vertices, Mapping::Auto);
     assert_eq!(good.fallbacks, 0);
@@ -359,7 +359,7 @@ pub fn with_uvs(surface: &TriMesh) -> TriMesh {
     let mut surface = surface.clone();
     surface.fields.push(palpate::mesh::Field {
         components: 6,
-        ..palpate::mesh::Field::scalar(palpate::mesh::UV, palpate::mesh::Location::Cell, values)
+        ..palpate::mesh::Field::scalar("uv", palpate::mesh::Location::Cell, values)
     });
     surface
 }

@@ -4,7 +4,7 @@ use crate::skin::common::*;
 use glam::{DVec2, DVec3};
 use palpate::generate;
 use palpate::mesh::LocalFrame;
-use palpate::render::closest_hit;
+use palpate::render::Hit;
 use palpate::render::{Camera, local_positions};
 use palpate::skin::{Mapping, Skin, SkinBase};
 
@@ -35,9 +35,9 @@ fn pick_on_bent_skin_returns_triangle_vertex_and_node() {
         let pixel = DVec2::new(60.0 * (1.0 + random()), 50.0 * (1.0 + random()));
         let found = skin.pick(&camera, pixel, SIZE).unwrap();
         let ray = camera.ray(pixel, SIZE);
-        let unbent = closest_hit(&surface.vertices, &triangles, ray).map(|h| kept[h.triangle]);
+        let unbent = Hit::closest(&surface.vertices, &triangles, ray).map(|h| kept[h.triangle]);
         at_rest += usize::from(unbent != found.map(|p| p.triangle));
-        let truth = closest_hit(&vertices, &triangles, ray);
+        let truth = Hit::closest(&vertices, &triangles, ray);
         let (Some(pick), Some(hit)) = (found, truth) else {
             differ += usize::from(found.is_some() != truth.is_some());
             continue;

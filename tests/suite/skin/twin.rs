@@ -5,7 +5,8 @@ use glam::DVec3;
 use palpate::gpu::{Gpu, Texel};
 use palpate::mesh::{LocalFrame, NO_NORMAL, pack_normal};
 use palpate::render::local_positions;
-use palpate::skin::basis::{VertexBinding, node_normals, skin_vertex};
+use palpate::skin::BaseMesh;
+use palpate::skin::basis::VertexBinding;
 use palpate::skin::{Mapping, Skin, SkinBase};
 
 /// Returns the errors of position, normal and tangent over all vertices, with the reference given
@@ -27,7 +28,7 @@ fn errors(
     let frame = skin.carrier().frame();
     let mut worst = [0.0f64; 3];
     for (found, b) in placed.iter().zip(skin.bound()) {
-        let truth = skin_vertex(&bound(b), &nodes, &normals);
+        let truth = bound(b).skin(&nodes, &normals);
         let errors = [
             ((found.position - frame.origin) / frame.scale).distance(truth.position),
             found.normal.distance(truth.normal),
@@ -45,7 +46,7 @@ fn skinned_vertices_match_float64_on_random_input() {
     let mut next = noise(7);
     for scene in scenes() {
         let frame = scene.frame();
-        let rest_normals: Vec<u32> = node_normals(&scene.rest, &scene.triangles)
+        let rest_normals: Vec<u32> = BaseMesh::reference_normals(&scene.rest, &scene.triangles)
             .iter()
             .map(|n| n.map_or(NO_NORMAL, pack_normal))
             .collect();
@@ -142,7 +143,7 @@ fn area_weighted_normals_match_float64() {
         .map(|p| frame.to_local(*p).as_dvec3())
         .collect();
     let compare = |nodes: &[DVec3]| {
-        let truth = node_normals(nodes, &scene.triangles);
+        let truth = BaseMesh::reference_normals(nodes, &scene.triangles);
         let pairs = found.iter().zip(&truth);
         pairs.fold(0.0f64, |worst, pair| match pair {
             (Some(a), Some(b)) => worst.max(a.distance(*b)),

@@ -8,9 +8,7 @@ use palpate::physics::{
     CpuTets, Damping, DiscreteModel, Discretisation, Edge, Material, MaterialModel, Precision,
     Simulator, SolverKind, SpringNetwork,
 };
-use palpate::study::reference_motion::{
-    MotionState, converged, distance, fitted_order, motion, reference_motion,
-};
+use palpate::study::reference_motion::{MotionState, ReferenceMotion};
 use palpate::study::static_equilibrium::Cantilever;
 use palpate::study::{Run, STUDIES};
 use std::collections::BTreeSet;
@@ -25,7 +23,7 @@ fn bar(damping_time: f64) -> (CpuTets, MotionState) {
         ..Material::uniform_springs(3_000.0, 0.0)
     };
     let mesh = generate::paper_bar().unwrap();
-    let (kind, settings) = converged(SolverKind::VelocityVerlet);
+    let (kind, settings) = ReferenceMotion::converged_scheme(SolverKind::VelocityVerlet);
     let mut bar = CpuTets::new(
         &gpu(),
         mesh.clone(),
@@ -54,13 +52,19 @@ fn swing(
     kind: SolverKind,
     steps: u32,
 ) -> Vec<MotionState> {
-    let found = motion(bar, start, converged(kind), DURATION, [4, steps]);
+    let found = ReferenceMotion::simulate(
+        bar,
+        start,
+        ReferenceMotion::converged_scheme(kind),
+        DURATION,
+        [4, steps],
+    );
     found.unwrap().unwrap()
 }
 
 fn exact(bar: &mut (CpuTets, MotionState)) -> Vec<MotionState> {
     let run = |steps| Ok(Some(swing(bar, SolverKind::VelocityVerlet, steps)));
-    reference_motion(32, 1 << 12, 1e-9, 0.01, run)
+    ReferenceMotion::new(32, 1 << 12, 1e-9, 0.01, run)
         .unwrap()
         .unwrap()
         .states
@@ -76,9 +80,9 @@ fn order(bar: &mut (CpuTets, MotionState), kind: SolverKind, truth: &[MotionStat
     };
     let points = [first, 2 * first, 4 * first].map(|steps| {
         let found = swing(bar, kind, steps);
-        [1.0 / f64::from(steps), distance(&found, truth)]
+        [1.0 / f64::from(steps), MotionState::distance(&found, truth)]
     });
-    fitted_order(&points)
+    ReferenceMotion::fitted_order(&points)
 }
 
 #[test]
@@ -112,9 +116,9 @@ fn convergence_orders_match_schemes() {
 #[test]
 fn fit_exponent_recovers_power_law() {
     let line = [[1.0, 3.0], [2.0, 24.0], [4.0, 192.0]];
-    assert!((fitted_order(&line) - 3.0).abs() < 1e-12);
-    assert!((fitted_order(&[line[0], [0.0, 1.0], line[2]]) - 3.0).abs() < 1e-12);
-    assert!(fitted_order(&line[..1]).is_nan());
+    assert!((ReferenceMotion::fitted_order(&line) - 3.0).abs() < 1e-12);
+    assert!((ReferenceMotion::fitted_order(&[line[0], [0.0, 1.0], line[2]]) - 3.0).abs() < 1e-12);
+    assert!(ReferenceMotion::fitted_order(&line[..1]).is_nan());
 }
 
 /// Two masses on a spring, pulled apart: x = L/2 + a cos ωt with ω² = 2κ/m, and with damping
@@ -141,7 +145,7 @@ fn single_spring_matches_exact_oscillation() {
             }),
             ..DiscreteModel::new(&mesh, &material).unwrap()
         };
-        let scheme = converged(SolverKind::VelocityVerlet);
+        let scheme = ReferenceMotion::converged_scheme(SolverKind::VelocityVerlet);
         let (kind, settings) = scheme;
         let mut body = CpuTets::of_network(
             &gpu(),
@@ -160,8 +164,8 @@ fn single_spring_matches_exact_oscillation() {
             let phase = (omega * t).cos() + decay / omega * (omega * t).sin();
             pull * (-decay * t).exp() * phase
         };
-        let run = |n| motion(&mut body, &start, scheme, 0.5, [5, n]);
-        let found = reference_motion(8, 1 << 12, 1e-9, pull, run)
+        let run = |n| ReferenceMotion::simulate(&mut body, &start, scheme, 0.5, [5, n]);
+        let found = ReferenceMotion::new(8, 1 << 12, 1e-9, pull, run)
             .unwrap()
             .unwrap();
         for (k, state) in found.states.iter().enumerate() {
@@ -183,13 +187,13 @@ fn single_spring_matches_exact_oscillation() {
 fn divergent_body_is_rejected() {
     let (mut bar, start) = bar(0.0);
     let mut run = |duration, steps| {
-        let scheme = converged(SolverKind::Verlet);
-        motion(&mut bar, &start, scheme, duration, [1, steps]).unwrap()
+        let scheme = ReferenceMotion::converged_scheme(SolverKind::Verlet);
+        ReferenceMotion::simulate(&mut bar, &start, scheme, duration, [1, steps]).unwrap()
     };
     assert!(run(2.0, 200).is_none());
     assert!(run(0.2, 2000).is_some());
     assert!(
-        reference_motion(1, 8, 1e-9, 1.0, |_| Ok(None))
+        ReferenceMotion::new(1, 8, 1e-9, 1.0, |_| Ok(None))
             .unwrap()
             .is_none()
     );

@@ -7,7 +7,7 @@ use palpate::mesh::TetMesh;
 use palpate::mesher::Domain;
 use palpate::physics::grid::{GridModel, GridShape};
 use palpate::physics::linearised_model::{LinearisedModel, StepLimit};
-use palpate::physics::reference::integrators;
+use palpate::physics::reference::integrators::ReferenceIntegrator;
 use palpate::physics::reference::springs::ReferenceSprings;
 use palpate::physics::{
     DiscreteModel, GpuBody, GridBody, Material, SolverKind, largest_stable_step,
@@ -69,21 +69,11 @@ fn materials() -> [Material; 4] {
 /// thousandfold.
 fn energies(start: &ReferenceSprings, kind: SolverKind, steps: usize, h: f64) -> Vec<f64> {
     let mut p = start.clone();
-    let mut verlet = integrators::Verlet::default();
-    let mut velocity_verlet = integrators::VelocityVerlet::default();
+    let mut integrator = ReferenceIntegrator::new(kind, 1e-8);
     let before = p.elastic_energy();
     let mut energies = Vec::new();
     for _ in 0..steps {
-        match kind {
-            SolverKind::Explicit => integrators::explicit_euler(&mut p, h),
-            SolverKind::Symplectic => integrators::symplectic_euler(&mut p, h),
-            SolverKind::Verlet => verlet.step(&mut p, h),
-            SolverKind::VelocityVerlet => velocity_verlet.step(&mut p, h),
-            SolverKind::Implicit => {
-                integrators::implicit_euler(&mut p, h, 1e-8).unwrap();
-            }
-            kind => panic!("{kind} does not support springs"),
-        }
+        integrator.step(&mut p, h).unwrap();
         energies.push((p.elastic_energy() + p.kinetic_energy()) / before);
         if energies[energies.len() - 1].is_nan() || energies[energies.len() - 1] > 1e3 {
             break;

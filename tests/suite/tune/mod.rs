@@ -3,7 +3,7 @@
 
 use palpate::gpu::Gpu;
 use palpate::scene::Scene;
-use palpate::tune::{Candidates, Cost, MotionPoint, MotionSearch, SearchResult, cheapest};
+use palpate::tune::{Candidates, Cost, MotionPoint, MotionSearch, SearchResult};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 
@@ -131,7 +131,9 @@ fn tuned_choice_is_accurate_and_cheap_on_five_scenes() {
         let mut before: Option<SearchResult<MotionPoint>> = None;
         for tolerance in [0.05, 0.15, 0.4] {
             table.spent = 0.0;
-            let found = cheapest(&mut table, tolerance, &|_| ControlFlow::Continue(())).unwrap();
+            let found =
+                SearchResult::cheapest(&mut table, tolerance, &|_| ControlFlow::Continue(()))
+                    .unwrap();
             let spent = table.spent;
             let (best, all) = exhaustive(&mut table, tolerance);
             println!(
@@ -167,7 +169,8 @@ fn tuned_choice_is_accurate_and_cheap_on_five_scenes() {
             before = Some(found);
         }
         // No candidate meets a tolerance of zero, and the closest is reported.
-        let none = cheapest(&mut table, 1e-9, &|_| ControlFlow::Continue(())).unwrap();
+        let none =
+            SearchResult::cheapest(&mut table, 1e-9, &|_| ControlFlow::Continue(())).unwrap();
         assert!(!none.met && none.error > 1e-9);
         assert!(
             none.summary("motion", "ms", 1e-9)

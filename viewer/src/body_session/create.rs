@@ -5,7 +5,7 @@ use crate::body_edits::BodyEditHistory;
 use palpate::Result;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, Topology};
-use palpate::press::{InteractiveStage, PressSession, default_radius, in_pieces};
+use palpate::press::{InteractiveStage, PressSession, PressSite, in_pieces};
 use palpate::scene::{Motion, Scene, Stage};
 use std::sync::Arc;
 use web_time::Instant;
@@ -69,7 +69,9 @@ impl BodySession {
         };
         let radius = match &fingertip {
             Ok(session) => session.radius(),
-            Err(_) => radius.unwrap_or_else(|| default_radius(&mesh, &Topology::new(&mesh))),
+            Err(_) => {
+                radius.unwrap_or_else(|| PressSite::default_radius(&mesh, &Topology::new(&mesh)))
+            }
         };
         let pieces = fingertip.is_ok().then(|| in_pieces(&mesh)).flatten();
         let press_notes = fingertip

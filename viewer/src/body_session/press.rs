@@ -221,7 +221,7 @@ mod tests {
     use palpate::gpu::Gpu;
     use palpate::mesh::Topology;
     use palpate::no_progress;
-    use palpate::press::{Press as CommandPress, PressOptions, default_radius};
+    use palpate::press::{Press as CommandPress, PressOptions, PressSite};
     use palpate::scene::Scene;
     use std::sync::Arc;
 
@@ -241,7 +241,7 @@ mod tests {
             let text = format!("[mesh]\ngenerate = \"{name}\"\ntets = {tets}\n");
             let scene = Scene::parse(&text).unwrap();
             let mesh = scene.load_mesh(&no_progress).unwrap();
-            let radius = default_radius(&mesh, &Topology::new(&mesh));
+            let radius = PressSite::default_radius(&mesh, &Topology::new(&mesh));
             let wanted = PressOptions {
                 depth: Some(0.5 * radius),
                 ..PressOptions::default()

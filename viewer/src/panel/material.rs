@@ -5,7 +5,7 @@ use crate::app::App;
 use crate::document::{numbers, set};
 use eframe::egui;
 use palpate::physics::{Engine, EngineChoice, TISSUES};
-use palpate::scene::{Scene, TissueEntry};
+use palpate::scene::Scene;
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
 /// Engines and their display names.
@@ -156,17 +156,11 @@ fn choice<'a>(
 
 /// Returns Young's modulus, Pa, of each tissue of the scene that is not rigid, if known.
 fn stiffnesses(scene: &Scene) -> Vec<(String, f64)> {
-    let tissues = scene.material.tissues.iter();
-    let of = |(name, entry): (&String, &TissueEntry)| {
+    let of = |(name, young): (&str, Option<f64>)| {
         let published = TISSUES.iter().find(|t| t.name == name).map(|t| t.young);
-        let young = match entry {
-            TissueEntry::Table(table) if table.rigid => None,
-            TissueEntry::Table(table) => table.young.or(published),
-            TissueEntry::Regions(_) => published,
-        };
-        young.map(|young| (name.clone(), young))
+        Some((name.to_owned(), young.or(published)?))
     };
-    tissues.filter_map(of).collect()
+    scene.material.soft_tissues().filter_map(of).collect()
 }
 
 /// Sets Young's modulus of a tissue, Pa; a list of its regions becomes a table.

@@ -147,6 +147,7 @@ mod tests {
     use super::*;
     use palpate::gpu::Gpu;
     use palpate::scene::Scene;
+    use palpate::tune::Body;
 
     #[test]
     fn tuned_settings_are_written_to_scene() {
@@ -168,10 +169,13 @@ mod tests {
             (&own.name, own.dt, own.tolerance),
             (&found.name, found.dt, found.tolerance)
         );
-        assert_eq!(
-            applied.cage.map(|c| c.nodes),
-            tuned.scene.cage.map(|c| c.nodes)
-        );
+        let body = tuned.motion.map(|motion| motion.point.body);
+        let nodes = document.get("cage").map(|cage| &cage["nodes"]);
+        let nodes = nodes.and_then(|n| n.as_integer());
+        match body {
+            Some(Body::Cage(count)) => assert_eq!(nodes, i64::try_from(count).ok()),
+            _ => assert_eq!(nodes, None),
+        }
         assert_eq!(applied.picture.accuracy, tuned.scene.picture.accuracy);
         assert!(document.to_string().starts_with("# A bar.\n"));
         assert!(!document.to_string().contains("iterations"));

@@ -153,7 +153,7 @@ fn check_model(network: &DiscreteModel) -> Result<()> {
     let strange = |e: &Edge| e.nodes.iter().any(|v| *v as usize >= nodes);
     if network.masses.len() != nodes || network.edges.iter().any(strange) {
         return Err(Error::Input(format!(
-            "a model of {nodes} nodes has {} masses, or springs to nodes that do not exist; give one mass per node and existing nodes",
+            "a model of {nodes} nodes has {} masses, or edges to nodes that do not exist; give one mass per node and existing nodes",
             network.masses.len()
         )));
     }

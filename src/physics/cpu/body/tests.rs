@@ -14,7 +14,7 @@ use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::springs::term::Springs;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{self, V4};
-use crate::physics::reference::integrators;
+use crate::physics::reference::integrators::ReferenceIntegrator;
 use crate::physics::reference::springs::ReferenceSprings;
 use crate::physics::{
     CgSettings, Damping, DiscreteModel, Edge, Material, SolverKind, largest_stable_step,
@@ -66,8 +66,7 @@ struct Pair<T: Real> {
     external: Vec<DVec3>,
     /// Initial sum of the squared velocities.
     speed: f64,
-    verlet: integrators::Verlet,
-    velocity_verlet: integrators::VelocityVerlet,
+    integrator: Option<ReferenceIntegrator>,
 }
 
 impl<T: Real> Pair<T> {
@@ -121,8 +120,7 @@ impl<T: Real> Pair<T> {
             twin,
             pulls: Vec::new(),
             external,
-            verlet: integrators::Verlet::default(),
-            velocity_verlet: integrators::VelocityVerlet::default(),
+            integrator: None,
         }
     }
 
@@ -168,23 +166,15 @@ impl<T: Real> Pair<T> {
 
     fn step(&mut self, h: f64, tolerance: f64) {
         self.draw();
-        let p = &mut self.twin;
-        match self.body.kind() {
-            SolverKind::Explicit => integrators::explicit_euler(p, h),
-            SolverKind::Symplectic => integrators::symplectic_euler(p, h),
-            SolverKind::Verlet => self.verlet.step(p, h),
-            SolverKind::VelocityVerlet => {
-                assert!(
-                    self.pulls.is_empty(),
-                    "the reference applies the springs at the old positions"
-                );
-                self.velocity_verlet.step(p, h);
-            }
-            SolverKind::Implicit => {
-                integrators::implicit_euler(p, h, tolerance).unwrap();
-            }
-            kind => panic!("{kind} does not support springs"),
-        }
+        let kind = self.body.kind();
+        assert!(
+            kind != SolverKind::VelocityVerlet || self.pulls.is_empty(),
+            "the reference applies the springs at the old positions"
+        );
+        let integrator = self
+            .integrator
+            .get_or_insert(ReferenceIntegrator::new(kind, tolerance));
+        integrator.step(&mut self.twin, h).unwrap();
         self.body.run(1, h).unwrap();
     }
 

@@ -36,7 +36,7 @@ pub struct CpuTetModel {
 
 /// The state of a [`CpuTets`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CpuState(ThreadedState);
+pub(crate) struct CpuState(ThreadedState);
 
 impl From<ThreadedState> for CpuState {
     fn from(state: ThreadedState) -> CpuState {

@@ -11,7 +11,7 @@ use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::simd::Lane;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
-use crate::physics::cpu::vectors::{V4, apply_symmetric, from_metres};
+use crate::physics::cpu::vectors::{V4, apply_symmetric, from_metres, outer};
 use crate::physics::model::elements::eigen;
 use crate::physics::{
     ConstitutiveModel, DiscreteModel, Discretisation, Element, Elements, LocalUnits, Material,
@@ -192,7 +192,6 @@ fn small_strains_obey_hookes_law() {
         let stiffness = e.stiffness(law, &corners);
         for (a, ga) in e.gradients().iter().enumerate() {
             for (b, gb) in e.gradients().iter().enumerate() {
-                let outer = |x: DVec3, y: DVec3| DMat3::from_cols(x * y.x, x * y.y, x * y.z);
                 // λ g_a g_bᵀ + μ g_b g_aᵀ + μ g_a·g_b I.
                 let hooke = outer(*ga, *gb) * lambda
                     + outer(*gb, *ga) * mu

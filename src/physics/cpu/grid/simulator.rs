@@ -34,7 +34,7 @@ pub struct CpuGridModel {
 
 /// The state of a [`CpuGrid`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CpuGridState(ThreadedState);
+pub(crate) struct CpuGridState(ThreadedState);
 
 impl From<ThreadedState> for CpuGridState {
     fn from(state: ThreadedState) -> CpuGridState {
