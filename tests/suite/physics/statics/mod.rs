@@ -1,6 +1,7 @@
 //! Bodies of elements in static equilibrium under loads, against formulas and quadratic tets of
 //! another library (benches/peers/reference_statics.py).
 
+mod beam;
 mod cantilever;
 mod cook;
 mod cylinder;
