@@ -121,16 +121,16 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
             }
         })
         .collect();
-    let mut network = damped_as(fine, frame, rest, masses, edges);
+    let mut discrete_model = damped_as(fine, frame, rest, masses, edges);
     if let Some(fine) = fine.elements() {
-        network.discretisation = Discretisation::Elements(Elements {
+        discrete_model.discretisation = Discretisation::Elements(Elements {
             tets: elements,
             mid_edges: Vec::new(),
             rigid: Vec::new(),
             ..*fine
         });
     }
-    Ok((mesh, network))
+    Ok((mesh, discrete_model))
 }
 
 /// Creates an element of `mesh` from Lamé parameters μ and λ, Pa, with the constitutive model
@@ -213,7 +213,7 @@ pub(super) fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel
 }
 
 /// Converts the masses and springs of a grid to a body of springs.
-pub(super) fn network_of(model: &GridModel, fine: &DiscreteModel) -> DiscreteModel {
+pub(super) fn model_of(model: &GridModel, fine: &DiscreteModel) -> DiscreteModel {
     let (shape, frame, unit) = (&model.shape, model.frame, model.length_unit);
     let offsets = shape.offsets();
     let lengths = shape.rest_lengths();

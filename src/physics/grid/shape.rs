@@ -251,11 +251,11 @@ impl GridShape {
         let (mut tets, mut labels) = (Vec::new(), Vec::new());
         let last = self.regions.len().saturating_sub(corner(7));
         for i in 0..last {
-            let whole = (0..8).all(|c| self.regions[i + corner(c)] != 0)
+            let is_complete = (0..8).all(|c| self.regions[i + corner(c)] != 0)
                 && inner
                     .iter()
                     .all(|(c, k)| springs[i + corner(*c)] >> (2 * k) & 1 == 1);
-            if !whole {
+            if !is_complete {
                 continue;
             }
             for tet in TETS {
