@@ -3,9 +3,7 @@
 use super::lattice::Cells;
 use crate::generate::{Grid, Split, grid};
 use crate::mesh::{LocalFrame, TET_EDGES, TetMesh};
-use crate::physics::grid::{
-    GridModel, GridShape, SPRING_KINDS, SPRING_OFFSETS, isotropic_stiffness,
-};
+use crate::physics::grid::{GridModel, GridShape, SPRING_KINDS, isotropic_stiffness};
 use crate::physics::{
     ConstitutiveModel, DiscreteModel, Discretisation, Edge, Element, Elements, Material,
     SpringNetwork,
@@ -95,7 +93,7 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
         for [a, b] in edges {
             let (p, q) = (corner(a), corner(b));
             let along = [0, 1, 2].map(|k| q[k] as i64 - p[k] as i64);
-            let kind = SPRING_OFFSETS
+            let kind = GridShape::SPRING_OFFSETS
                 .iter()
                 .position(|s| s.map(i64::abs) == along.map(i64::abs));
             let kappa = kind.map_or(0.0, |k| shares[k]);
@@ -181,7 +179,8 @@ pub(super) fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel
     for (i, mask) in springs.iter_mut().enumerate() {
         let p = at(i);
         for bit in 0..2 * SPRING_KINDS {
-            let step = SPRING_OFFSETS[bit / 2].map(|s| if bit % 2 == 0 { s } else { -s });
+            let step =
+                GridShape::SPRING_OFFSETS[bit / 2].map(|s| if bit % 2 == 0 { s } else { -s });
             let shared = (0..8i64).any(|k| {
                 let cell = [p[0] - (k & 1), p[1] - (k >> 1 & 1), p[2] - (k >> 2)];
                 let inside = |a: usize| (0..=1).contains(&(p[a] + step[a] - cell[a]));

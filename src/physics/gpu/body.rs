@@ -94,7 +94,7 @@ impl GpuBody {
         model: DiscreteModel,
         material: &Material,
     ) -> Result<GpuBody> {
-        if discrete_model
+        if model
             .elements()
             .is_some_and(|elements| elements.order() == 2)
         {

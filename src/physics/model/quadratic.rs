@@ -36,7 +36,7 @@ pub struct MidEdges {
 
 /// A ten-node tet at rest: shape function gradients at its quadrature points.
 #[derive(Clone, Debug, PartialEq)]
-pub struct QuadraticShape {
+pub(crate) struct QuadraticShape {
     /// Gradients of the ten shape functions at each point, 1/m.
     pub gradients: [[DVec3; QUADRATIC_NODES]; QUADRATURE_POINTS],
     /// Volume at rest that each point represents, m³.
@@ -44,7 +44,7 @@ pub struct QuadraticShape {
 }
 
 /// Hessian of a ten-node tet's energy: the block of nodes a and b is at `[a][b]`.
-pub type QuadraticHessian = [[DMat3; QUADRATIC_NODES]; QUADRATIC_NODES];
+pub(crate) type QuadraticHessian = [[DMat3; QUADRATIC_NODES]; QUADRATIC_NODES];
 
 /// Returns the barycentric coordinates of quadrature point `point`.
 pub(crate) fn quadrature_point(point: usize) -> [f64; 4] {
@@ -251,7 +251,7 @@ impl Elements {
     }
 
     /// Returns the shape of ten-node tet `t`; `None` in a body of order 1.
-    pub fn quadratic_shape(&self, t: usize) -> Option<QuadraticShape> {
+    pub(crate) fn quadratic_shape(&self, t: usize) -> Option<QuadraticShape> {
         QuadraticShape::new(&self.quadratic_rest(t)?)
     }
 }

@@ -133,7 +133,7 @@ fn damping_equals_projected_force_derivative() {
             if name == "a little" {
                 // Nearly relaxed tets have no negative eigenvalues.
                 let plain = Truth {
-                    discrete_model: DiscreteModel::new(&mesh, &still).unwrap(),
+                    model: DiscreteModel::new(&mesh, &still).unwrap(),
                     ..Truth::of(&body)
                 };
                 let at = |s: f64| {
