@@ -36,7 +36,7 @@ pub struct MidEdges {
 
 /// A ten-node tet at rest: shape function gradients at its quadrature points.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct QuadraticShape {
+pub struct QuadraticShape {
     /// Gradients of the ten shape functions at each point, 1/m.
     pub gradients: [[DVec3; QUADRATIC_NODES]; QUADRATURE_POINTS],
     /// Volume at rest that each point represents, m³.
@@ -251,7 +251,7 @@ impl Elements {
     }
 
     /// Returns the shape of ten-node tet `t`; `None` in a body of order 1.
-    pub(crate) fn quadratic_shape(&self, t: usize) -> Option<QuadraticShape> {
+    pub fn quadratic_shape(&self, t: usize) -> Option<QuadraticShape> {
         QuadraticShape::new(&self.quadratic_rest(t)?)
     }
 }
