@@ -67,8 +67,11 @@ fn verlet_is_stable_for_small_steps_and_rejects_large_ones() {
     let mut verlet = solver(&gpu, &body, SolverKind::Verlet);
     verlet.run(&mut body, 1000, 0.001).unwrap();
     let report = Report::new(&body, &mesh).unwrap();
-    assert!(report.max_displacement > 0.01 * 0.12, "{report:?}");
-    assert!(report.max_displacement < 0.5 * 0.12, "{report:?}");
+    // In the float32 of another driver it may differ in the fifth digit.
+    assert!(
+        (report.max_displacement / 5.951e-3 - 1.0).abs() < 0.01,
+        "{report:?}"
+    );
 
     let mut body = bar(&gpu, 3_000.0, 0.0);
     let mut verlet = solver(&gpu, &body, SolverKind::Verlet);
