@@ -389,7 +389,9 @@ mod tests {
             })
             .collect();
         for size in [[1, 1], [7, 40], [64, 64], [300, 20]] {
-            drawn(&bar(BarColours::Grey), size);
+            let (image, _) = drawn(&bar(BarColours::Grey), size);
+            assert_eq!(image.size, size);
+            assert!(image.values.iter().all(|v| (0.0..=1.0).contains(v)));
             let mut canvas = Canvas::new(size, Background::White).unwrap();
             draw_regions(&mut canvas, "label", &many);
         }

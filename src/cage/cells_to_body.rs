@@ -3,9 +3,7 @@
 use super::lattice::Cells;
 use crate::generate::{Grid, Split, grid};
 use crate::mesh::{LocalFrame, TET_EDGES, TetMesh};
-use crate::physics::grid::{
-    GridModel, GridShape, SPRING_KINDS, SPRING_OFFSETS, isotropic_stiffness,
-};
+use crate::physics::grid::{GridModel, GridShape, SPRING_KINDS, isotropic_stiffness};
 use crate::physics::{
     ConstitutiveModel, DiscreteModel, Discretisation, Edge, Element, Elements, Material,
     SpringNetwork,
@@ -95,7 +93,7 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
         for [a, b] in edges {
             let (p, q) = (corner(a), corner(b));
             let along = [0, 1, 2].map(|k| q[k] as i64 - p[k] as i64);
-            let kind = SPRING_OFFSETS
+            let kind = GridShape::SPRING_OFFSETS
                 .iter()
                 .position(|s| s.map(i64::abs) == along.map(i64::abs));
             let kappa = kind.map_or(0.0, |k| shares[k]);
@@ -121,16 +119,16 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
             }
         })
         .collect();
-    let mut network = damped_as(fine, frame, rest, masses, edges);
+    let mut discrete_model = damped_as(fine, frame, rest, masses, edges);
     if let Some(fine) = fine.elements() {
-        network.discretisation = Discretisation::Elements(Elements {
+        discrete_model.discretisation = Discretisation::Elements(Elements {
             tets: elements,
             mid_edges: Vec::new(),
             rigid: Vec::new(),
             ..*fine
         });
     }
-    Ok((mesh, network))
+    Ok((mesh, discrete_model))
 }
 
 /// Creates an element of `mesh` from Lamé parameters μ and λ, Pa, with the constitutive model
@@ -181,7 +179,8 @@ pub(super) fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel
     for (i, mask) in springs.iter_mut().enumerate() {
         let p = at(i);
         for bit in 0..2 * SPRING_KINDS {
-            let step = SPRING_OFFSETS[bit / 2].map(|s| if bit % 2 == 0 { s } else { -s });
+            let step =
+                GridShape::SPRING_OFFSETS[bit / 2].map(|s| if bit % 2 == 0 { s } else { -s });
             let shared = (0..8i64).any(|k| {
                 let cell = [p[0] - (k & 1), p[1] - (k >> 1 & 1), p[2] - (k >> 2)];
                 let inside = |a: usize| (0..=1).contains(&(p[a] + step[a] - cell[a]));
@@ -213,7 +212,7 @@ pub(super) fn particles(cells: &Cells, fine: &DiscreteModel) -> Result<GridModel
 }
 
 /// Converts the masses and springs of a grid to a body of springs.
-pub(super) fn network_of(model: &GridModel, fine: &DiscreteModel) -> DiscreteModel {
+pub(super) fn model_of(model: &GridModel, fine: &DiscreteModel) -> DiscreteModel {
     let (shape, frame, unit) = (&model.shape, model.frame, model.length_unit);
     let offsets = shape.offsets();
     let lengths = shape.rest_lengths();

@@ -55,15 +55,15 @@ pub(super) struct Cells {
 
 impl Cells {
     /// Creates cells with about `wanted` corners around `mesh`, which has the masses and stiffnesses of
-    /// `network`.
-    pub fn cover(mesh: &TetMesh, network: &DiscreteModel, wanted: usize) -> Result<Cells> {
+    /// `model`.
+    pub fn cover(mesh: &TetMesh, model: &DiscreteModel, wanted: usize) -> Result<Cells> {
         let volume = mesh.volume().abs();
         let first = (volume / wanted as f64).cbrt();
-        let samples = samples(mesh, network, first.powi(3))?;
+        let samples = samples(mesh, model, first.powi(3))?;
         let mut best: Option<(f64, Cells)> = None;
         let mut side = first;
         for _ in 0..12 {
-            let cells = Cells::new(mesh, &samples, side, network.length_unit)?;
+            let cells = Cells::new(mesh, &samples, side, model.length_unit)?;
             let ratio = cells.corners() as f64 / wanted as f64;
             let off = ratio.ln().abs();
             if best.as_ref().is_none_or(|b| off < b.0) {
@@ -202,16 +202,16 @@ impl Cells {
 
 /// Returns sample points that fill the body, with shares of the mass and stiffness of their
 /// tetrahedra.
-fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sample>> {
-    let unit = network.length_unit;
+fn samples(mesh: &TetMesh, model: &DiscreteModel, cell: f64) -> Result<Vec<Sample>> {
+    let unit = model.length_unit;
     let volume = |t: usize| mesh.tet_volume(t).abs() * unit.powi(3);
     let edge_of = |a: u32, b: u32| {
         let nodes = [a.min(b), a.max(b)];
-        network.edges.binary_search_by_key(&nodes, |e| e.nodes).ok()
+        model.edges.binary_search_by_key(&nodes, |e| e.nodes).ok()
     };
     // An edge has κ = E ΣV / L² of its incident tetrahedra; κ L² is distributed to them by volume,
     // and so is the mass of nodes.
-    let mut around_edge = vec![0.0; network.edges.len()];
+    let mut around_edge = vec![0.0; model.edges.len()];
     let mut around_node = vec![0.0; mesh.nodes.len()];
     let edges = |t: usize| {
         let tet = mesh.tets[t];
@@ -226,8 +226,8 @@ fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sam
         }
     }
     let mut samples = Vec::new();
-    let law = network.elements().map(|elements| elements.law);
-    let mut elements = network.tets().iter().peekable();
+    let law = model.elements().map(|elements| elements.law);
+    let mut elements = model.tets().iter().peekable();
     for t in 0..mesh.tets.len() {
         let own = volume(t);
         // Elements are in the order of the mesh's tetrahedra, some of which may have none.
@@ -243,13 +243,13 @@ fn samples(mesh: &TetMesh, network: &DiscreteModel, cell: f64) -> Result<Vec<Sam
             .into_iter()
             .flatten()
             .map(|e| {
-                let edge = &network.edges[e];
+                let edge = &model.edges[e];
                 edge.stiffness * edge.length.powi(2) * own / around_edge[e] / 6.0
             })
             .sum();
         let mass: f64 = mesh.tets[t]
             .iter()
-            .map(|v| network.masses[*v as usize] * own / around_node[*v as usize])
+            .map(|v| model.masses[*v as usize] * own / around_node[*v as usize])
             .sum();
         let wanted = SAMPLES_A_CELL * mesh.tet_volume(t).abs() / cell;
         let count = wanted.ceil().clamp(SAMPLES[0], SAMPLES[1]) as usize;

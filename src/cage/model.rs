@@ -1,8 +1,8 @@
 //! Cages: coarse bodies generated from fine ones.
 
-use super::cells_to_body::{lattice, network_of, particles};
+use super::cells_to_body::{lattice, model_of, particles};
 use super::lattice::Cells;
-use super::stiffness_fit::{ConstrainedNetwork, compliance, gravity_loads};
+use super::stiffness_fit::{ConstrainedModel, compliance, gravity_loads};
 use crate::mesh::{BarycentricMap, TetMesh};
 use crate::physics::DiscreteModel;
 use crate::physics::grid::GridModel;
@@ -89,7 +89,7 @@ pub struct Cage {
     /// The tetrahedra that embed the fine nodes, in the unit of the fine mesh.
     pub mesh: TetMesh,
     /// Its masses, and its springs or elements.
-    pub network: DiscreteModel,
+    pub model: DiscreteModel,
     /// The grid model, for [`CageKind::Grid`].
     pub grid: Option<GridModel>,
     transfer: BarycentricMap,
@@ -99,14 +99,14 @@ pub struct Cage {
 }
 
 impl Cage {
-    /// Creates a cage of about `nodes` nodes around `mesh`, a body with the model `network`.
+    /// Creates a cage of about `nodes` nodes around `mesh`, a body with the model `discrete_model`.
     ///
     /// # Errors
     /// [`Error::Input`] for an invalid number of nodes, rigid regions, or a grid cage around a body
     /// of finite elements; [`Error::Mesh`] for a mesh without volume.
     pub fn new(
         mesh: &TetMesh,
-        network: &DiscreteModel,
+        discrete_model: &DiscreteModel,
         kind: CageKind,
         nodes: usize,
     ) -> Result<Cage> {
@@ -117,29 +117,29 @@ impl Cage {
                 NODES.end()
             )));
         }
-        if !network.rigid_bodies().is_empty() {
+        if !discrete_model.rigid_bodies().is_empty() {
             return Err(Error::Input(
                 "a cage does not support rigid regions; make them elastic, or simulate the body without a cage"
                     .into(),
             ));
         }
-        if kind == CageKind::Grid && network.elements().is_some() {
+        if kind == CageKind::Grid && discrete_model.elements().is_some() {
             return Err(Error::Input(
                 "a cage of kind \"grid\" needs a body of springs; use springs, or a cage of kind \"lattice\""
                     .into(),
             ));
         }
-        let cells = Cells::cover(mesh, network, nodes)?;
-        let (own, own_network, grid) = match kind {
+        let cells = Cells::cover(mesh, discrete_model, nodes)?;
+        let (own, own_model, grid) = match kind {
             CageKind::Lattice => {
-                let (own, own_network) = lattice(&cells, network)?;
-                (own, own_network, None)
+                let (own, own_model) = lattice(&cells, discrete_model)?;
+                (own, own_model, None)
             }
             CageKind::Grid => {
-                let model = particles(&cells, network)?;
+                let model = particles(&cells, discrete_model)?;
                 let own = model.shape.mesh(&model.springs)?;
-                let own_network = network_of(&model, network);
-                (own, own_network, Some(model))
+                let own_model = model_of(&model, discrete_model);
+                (own, own_model, Some(model))
             }
         };
         let transfer = BarycentricMap::new(&own, &mesh.nodes)?;
@@ -152,7 +152,7 @@ impl Cage {
             }
         }
         let report = CageReport {
-            nodes: own_network.masses.iter().filter(|m| **m > 0.0).count(),
+            nodes: own_model.masses.iter().filter(|m| **m > 0.0).count(),
             spacing: cells.spacing.to_array(),
             nodes_outside: outside,
             stiffness_scale: 1.0,
@@ -160,7 +160,7 @@ impl Cage {
         };
         Ok(Cage {
             mesh: own,
-            network: own_network,
+            model: own_model,
             grid,
             transfer,
             influence,
@@ -231,14 +231,14 @@ impl Cage {
     ) -> Result<f64> {
         if fine_pinned.len() != fine.rest_positions.len()
             || fine.rest_positions.len() != self.transfer.source_weights().len()
-            || pinned.len() != self.network.rest_positions.len()
+            || pinned.len() != self.model.rest_positions.len()
         {
             return Err(Error::Input(format!(
                 "number of pin flags must equal the number of nodes, got {} and {} for {} fine nodes and {} cage nodes",
                 fine_pinned.len(),
                 pinned.len(),
                 self.transfer.source_weights().len(),
-                self.network.rest_positions.len()
+                self.model.rest_positions.len()
             )));
         }
         let (fine_pinned, pinned) = match fine_pinned.contains(&true) {
@@ -250,10 +250,10 @@ impl Cage {
                 vec![load.to_vec()],
                 vec![self.transfer.apply_transpose(load)?],
             ),
-            None => (gravity_loads(fine), gravity_loads(&self.network)),
+            None => (gravity_loads(fine), gravity_loads(&self.model)),
         };
-        let coarse = ConstrainedNetwork::new(&self.network, &pinned);
-        let fine = ConstrainedNetwork::new(fine, &fine_pinned);
+        let coarse = ConstrainedModel::new(&self.model, &pinned);
+        let fine = ConstrainedModel::new(fine, &fine_pinned);
         if !coarse.has_free_nodes() || !fine.has_free_nodes() {
             return Ok(1.0);
         }
@@ -264,14 +264,14 @@ impl Cage {
             .collect::<Result<_>>()?;
         let fine_given = fine.solve_cases(&fine_loads, Some(&start));
         let factor = compliance(&loads, &given) / compliance(&fine_loads, &fine_given);
-        let damping = self.network.damping_time * fine.lowest_eigenvalue(&fine_loads, &fine_given);
+        let damping = self.model.damping_time * fine.lowest_eigenvalue(&fine_loads, &fine_given);
         if !VALID_STIFFNESS_SCALE.contains(&factor) {
             return Ok(1.0);
         }
-        for edge in &mut self.network.edges {
+        for edge in &mut self.model.edges {
             edge.stiffness *= factor;
         }
-        if let Some(elements) = self.network.elements_mut() {
+        if let Some(elements) = self.model.elements_mut() {
             for element in &mut elements.tets {
                 element.lame_parameters = element.lame_parameters.map(|l| l * factor);
             }
@@ -293,7 +293,7 @@ impl Cage {
         for v in &held {
             fine_pinned[*v as usize] = true;
         }
-        let mut pinned = vec![false; self.network.rest_positions.len()];
+        let mut pinned = vec![false; self.model.rest_positions.len()];
         for v in self.coarse_nodes_for(&held) {
             pinned[v as usize] = true;
         }

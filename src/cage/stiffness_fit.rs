@@ -19,14 +19,14 @@ pub(super) type LoadCases = Vec<Vec<DVec3>>;
 const RIGID: f64 = 100.0;
 
 /// Returns the weight of a body at 1 m/s² along each axis.
-pub(super) fn gravity_loads(network: &DiscreteModel) -> LoadCases {
-    let along = |axis: DVec3| network.masses.iter().map(|m| *m * axis).collect();
+pub(super) fn gravity_loads(model: &DiscreteModel) -> LoadCases {
+    let along = |axis: DVec3| model.masses.iter().map(|m| *m * axis).collect();
     vec![along(DVec3::X), along(DVec3::Y), along(DVec3::Z)]
 }
 
-/// A linearised network with pinned nodes.
-pub(super) struct ConstrainedNetwork<'a> {
-    network: &'a DiscreteModel,
+/// A linearised model with pinned nodes.
+pub(super) struct ConstrainedModel<'a> {
+    model: &'a DiscreteModel,
     /// Neighbours of each node with the connecting edge.
     rows: Vec<Vec<(u32, u32)>>,
     /// For each edge, from the smaller node i to j: B with force B (u_j − u_i) on i; the force on j
@@ -39,18 +39,18 @@ pub(super) struct ConstrainedNetwork<'a> {
     tolerance: f64,
 }
 
-impl<'a> ConstrainedNetwork<'a> {
-    /// Linearises the network with the nodes in `pinned` fixed. Components with fewer than three
+impl<'a> ConstrainedModel<'a> {
+    /// Linearises the model with the nodes in `pinned` fixed. Components with fewer than three
     /// pins stay at rest.
-    pub fn new(network: &'a DiscreteModel, pinned: &[bool]) -> ConstrainedNetwork<'a> {
-        let count = network.rest_positions.len();
+    pub fn new(model: &'a DiscreteModel, pinned: &[bool]) -> ConstrainedModel<'a> {
+        let count = model.rest_positions.len();
         let mut rows = vec![Vec::new(); count];
         let mut blocks = vec![DMat3::ZERO; count];
-        let edges = match &network.discretisation {
-            Discretisation::Springs(_) => blocks_of_springs(network),
-            Discretisation::Elements(elements) => blocks_of_elements(network, elements),
+        let edges = match &model.discretisation {
+            Discretisation::Springs(_) => blocks_of_springs(model),
+            Discretisation::Elements(elements) => blocks_of_elements(model, elements),
         };
-        for (e, (edge, b)) in network.edges.iter().zip(&edges).enumerate() {
+        for (e, (edge, b)) in model.edges.iter().zip(&edges).enumerate() {
             if *b == DMat3::ZERO {
                 continue;
             }
@@ -75,8 +75,8 @@ impl<'a> ConstrainedNetwork<'a> {
                 }
             })
             .collect();
-        ConstrainedNetwork {
-            network,
+        ConstrainedModel {
+            model,
             rows,
             edges,
             free,
@@ -175,7 +175,7 @@ impl<'a> ConstrainedNetwork<'a> {
         let Some((load, u)) = most else {
             return 0.0;
         };
-        let moving = self.network.masses.iter().zip(u);
+        let moving = self.model.masses.iter().zip(u);
         let inertia: f64 = moving.map(|(m, u)| m * u.length_squared()).sum();
         match inertia > 0.0 {
             true => dot(load, u) / inertia,
@@ -185,14 +185,14 @@ impl<'a> ConstrainedNetwork<'a> {
 }
 
 /// Returns κ n nᵀ of each spring.
-fn blocks_of_springs(network: &DiscreteModel) -> Vec<DMat3> {
-    parallel::map(network.edges.len(), |e| axial_block(network, e, f64::MAX))
+fn blocks_of_springs(model: &DiscreteModel) -> Vec<DMat3> {
+    parallel::map(model.edges.len(), |e| axial_block(model, e, f64::MAX))
 }
 
 /// Returns κ n nᵀ of an edge, with κ limited to `most`.
-fn axial_block(network: &DiscreteModel, e: usize, most: f64) -> DMat3 {
-    let edge = &network.edges[e];
-    let [a, b] = edge.nodes.map(|v| network.rest_positions[v as usize]);
+fn axial_block(model: &DiscreteModel, e: usize, most: f64) -> DMat3 {
+    let edge = &model.edges[e];
+    let [a, b] = edge.nodes.map(|v| model.rest_positions[v as usize]);
     let along = (b - a).normalize_or_zero();
     outer(along, along) * edge.stiffness.clamp(0.0, most)
 }
@@ -200,8 +200,8 @@ fn axial_block(network: &DiscreteModel, e: usize, most: f64) -> DMat3 {
 /// Returns the negative off-diagonal blocks of linear elasticity at rest; the diagonal block of a
 /// node is the sum of those of its edges. Rigid bodies are represented by the axial stiffness of
 /// their edges.
-fn blocks_of_elements(network: &DiscreteModel, elements: &Elements) -> Vec<DMat3> {
-    let edges = &network.edges;
+fn blocks_of_elements(model: &DiscreteModel, elements: &Elements) -> Vec<DMat3> {
+    let edges = &model.edges;
     let mut blocks = vec![DMat3::ZERO; edges.len()];
     let mut soft = vec![false; edges.len()];
     for element in &elements.tets {
@@ -226,14 +226,14 @@ fn blocks_of_elements(network: &DiscreteModel, elements: &Elements) -> Vec<DMat3
         .map(|(e, soft)| if *soft { e.stiffness } else { 0.0 })
         .sum();
     let most = RIGID * sum / count as f64;
-    let mut body = vec![usize::MAX; network.rest_positions.len()];
+    let mut body = vec![usize::MAX; model.rest_positions.len()];
     for (k, rigid) in elements.rigid.iter().enumerate() {
         rigid.nodes.iter().for_each(|v| body[*v as usize] = k);
     }
     for (e, edge) in edges.iter().enumerate() {
         let [a, b] = edge.nodes.map(|v| body[v as usize]);
         if a != usize::MAX && a == b {
-            blocks[e] = axial_block(network, e, most);
+            blocks[e] = axial_block(model, e, most);
         }
     }
     blocks
@@ -290,13 +290,13 @@ fn reached(rows: &[Vec<(u32, u32)>], pinned: &[bool]) -> Vec<bool> {
     free
 }
 
-/// Compliance of a network with pinned nodes, for small displacements.
-pub(crate) struct Compliance<'a>(ConstrainedNetwork<'a>);
+/// Compliance of a model with pinned nodes, for small displacements.
+pub(crate) struct Compliance<'a>(ConstrainedModel<'a>);
 
 impl<'a> Compliance<'a> {
     /// Creates the linear system; `None` if no node can move, or no component is constrained.
-    pub fn new(network: &'a DiscreteModel, pinned: &[bool]) -> Option<Compliance<'a>> {
-        let mut held = ConstrainedNetwork::new(network, pinned);
+    pub fn new(model: &'a DiscreteModel, pinned: &[bool]) -> Option<Compliance<'a>> {
+        let mut held = ConstrainedModel::new(model, pinned);
         held.tolerance = LOAD_ESTIMATE_TOLERANCE;
         held.has_free_nodes().then_some(Compliance(held))
     }

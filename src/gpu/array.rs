@@ -20,7 +20,7 @@ mod gpu_data {
 
 /// Texels in a full row of an [`Array`]; must equal the constant in `lib/array.wgsl`. A square
 /// texture of this size is the largest that every WebGPU device supports.
-pub const ROW_TEXELS: u32 = 8192;
+pub(crate) const ROW_TEXELS: u32 = 8192;
 /// The width of a single-row array is a multiple of this number of texels.
 const WIDTH_STEP: u32 = 256;
 /// Maximum bytes per upload. Each chunk is submitted separately, so that the staging memory does
@@ -79,7 +79,7 @@ impl Version {
     }
 }
 
-/// A GPU-resident array of `len` items, item i at texel (i mod [`ROW_TEXELS`], i / [`ROW_TEXELS`]).
+/// A GPU-resident array of `len` items, item i at texel (i mod 8192, i / 8192).
 /// If they fit one row, the texture may be narrower.
 ///
 /// Counts its writes: recorded passes, copies and uploads. Dependants detect changes by comparing

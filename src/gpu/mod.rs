@@ -24,7 +24,7 @@ mod timing;
 
 #[cfg(feature = "study")]
 pub(crate) use array::array_size;
-pub use array::{Array, Positions, ROW_TEXELS, Texel, Version};
+pub use array::{Array, Positions, Texel, Version};
 pub use binding::{Bind, Resource};
 pub(crate) use bitmask_prefix_sum::BitmaskPrefixSum;
 pub use device::Gpu;

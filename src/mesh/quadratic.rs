@@ -11,7 +11,7 @@ use glam::DVec3;
 use std::fmt;
 
 /// Number of linear tets of a ten-node tet.
-pub const PIECES: usize = 8;
+pub(crate) const PIECES: usize = 8;
 
 /// Largest number of nodes of a mesh.
 const MAX_NODES: usize = u32::MAX as usize;
@@ -58,7 +58,7 @@ impl fmt::Display for ElementOrder {
 
 /// The ten nodes of an element: its corners, then the middles of its edges in the order of
 /// [`TET_EDGES`].
-pub type TenNodes = [u32; 10];
+pub(crate) type TenNodes = [u32; 10];
 
 impl TetMesh {
     /// Returns this mesh with a node in the middle of each edge and each tet replaced by eight: the
@@ -135,7 +135,7 @@ impl TetMesh {
 /// of edges of ten-node tets: the integrals of the shape functions. On a face of a ten-node tet they
 /// are 0 at the corners and ⅓ at each middle; of the four pieces of the face, each gives its part to
 /// its middles.
-pub fn traction_shares(is_middle: [bool; 3]) -> [f64; 3] {
+pub(crate) fn traction_shares(is_middle: [bool; 3]) -> [f64; 3] {
     let middles = is_middle.iter().filter(|is| **is).count();
     match middles {
         0 => [1.0 / 3.0; 3],

@@ -51,7 +51,7 @@ pub struct QualityReport {
     pub min: f64,
     /// The mean [`TetQuality::mean_ratio`].
     pub mean: f64,
-    /// Number of tets whose mean ratio is below [`SLIVER`].
+    /// Number of tets whose mean ratio is below 0.01.
     pub slivers: usize,
     /// The up to ten worst tets, the worst first.
     pub worst: Vec<WorstTet>,

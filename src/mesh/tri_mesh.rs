@@ -79,7 +79,7 @@ impl TriMesh {
         Some(self.triangles.iter().map(|t| t.map(at)).collect())
     }
 
-    /// Returns the texture coordinates of the corners of every triangle: the field [`UV`], or the
+    /// Returns the texture coordinates of the corners of every triangle: the field `uv`, or the
     /// vertex scalars `u` and `v`, or `s` and `t`.
     pub fn corner_uvs(&self) -> Option<Vec<[DVec2; 3]>> {
         if let Some(field) = self.corner_field(UV, 2) {
@@ -96,7 +96,7 @@ impl TriMesh {
         Some(beside.into_iter().map(|c| c.map(DVec2::from)).collect())
     }
 
-    /// Returns the normals of the corners of every triangle from the file: the field [`NORMAL`] (or
+    /// Returns the normals of the corners of every triangle from the file: the field `normal` (or
     /// VTK's `Normals`), or the vertex scalars `nx`, `ny` and `nz`.
     pub fn corner_normals(&self) -> Option<Vec<[DVec3; 3]>> {
         let named = [NORMAL, "Normals"];

@@ -6,12 +6,12 @@
 //! between leaves of different sizes the smaller faces, each split along the diagonal from the
 //! centre of the large face, are connected to both centres.
 
-use super::id_hash::KeyMap;
 use super::octree::{Lattice, Leaf, Octree, key, side};
 use crate::parallel;
 use crate::progress::ProgressScope;
 use crate::{Error, Result};
 use glam::DVec3;
+use rustc_hash::FxHashMap;
 
 /// The corners of the face of a leaf on the upper side of an axis, in cyclic order.
 const FACE_CORNERS: [[u32; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
@@ -30,7 +30,7 @@ pub(super) struct LatticeMesh {
 
 impl LatticeMesh {
     pub(super) fn new(tree: &Octree, part: &ProgressScope) -> Result<LatticeMesh> {
-        let mut index: KeyMap<u64, u32> = KeyMap::default();
+        let mut index: FxHashMap<u64, u32> = FxHashMap::default();
         index.reserve(tree.leaves.len() * 5 / 2);
         let mut points: Vec<Lattice> = Vec::new();
         let mut known: Vec<Option<u16>> = Vec::new();
@@ -100,7 +100,7 @@ struct LeafPair<'a> {
     tree: &'a Octree,
     points: &'a [Lattice],
     own: &'a [[u32; 9]],
-    index: &'a KeyMap<u64, u32>,
+    index: &'a FxHashMap<u64, u32>,
 }
 
 impl LeafPair<'_> {

@@ -17,7 +17,6 @@ mod closed_surface;
 mod cut;
 mod domain;
 mod fans;
-mod id_hash;
 mod junction;
 mod label_domain;
 mod lattice;

@@ -2,12 +2,12 @@
 //! away from them.
 
 use super::Domain;
-use super::id_hash::KeyMap;
 use crate::parallel;
 use crate::progress::ProgressScope;
 use crate::{Error, Result};
 use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
+use rustc_hash::FxHashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Bits of a lattice coordinate; three of them fit 64.
@@ -37,7 +37,7 @@ pub(super) struct Leaf {
 pub(super) struct Octree {
     pub leaves: Vec<Leaf>,
     /// For each level, the index of a leaf in `leaves` by the key of its corner.
-    index: Vec<KeyMap<u64, u32>>,
+    index: Vec<FxHashMap<u64, u32>>,
     origin: DVec3,
     half: f64,
 }
@@ -87,7 +87,7 @@ impl Octree {
             .map(|n| n.floor() as usize + 1);
         let mut tree = Octree {
             leaves: Vec::new(),
-            index: vec![KeyMap::default(); levels as usize + 1],
+            index: vec![FxHashMap::default(); levels as usize + 1],
             origin,
             half: 0.5 * edge,
         };
@@ -175,7 +175,8 @@ impl Octree {
         if levels < 2 {
             return;
         }
-        let mut large: Vec<KeyMap<u64, Option<u16>>> = vec![KeyMap::default(); levels as usize + 1];
+        let mut large: Vec<FxHashMap<u64, Option<u16>>> =
+            vec![FxHashMap::default(); levels as usize + 1];
         for leaf in self.leaves.iter().filter(|l| l.level > 1) {
             large[leaf.level as usize].insert(key(leaf.corner), leaf.region);
         }

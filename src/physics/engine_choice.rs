@@ -62,9 +62,9 @@ impl EngineChoice {
         material: &Material,
         kind: SolverKind,
     ) -> Result<Box<dyn Simulator>> {
-        let network = DiscreteModel::new(&mesh, material)?;
+        let discrete_model = DiscreteModel::new(&mesh, material)?;
         let settings = CgSettings::default();
-        self.build_tets_from_model(gpu, (mesh, network), material, (kind, settings))
+        self.build_tets_from_model(gpu, (mesh, discrete_model), material, (kind, settings))
     }
 
     /// A simulator of the particles of `model`, at rest, drawn as `mesh`, on the chosen engine.
@@ -103,29 +103,29 @@ impl EngineChoice {
     pub fn build_tets_from_model(
         self,
         gpu: &Gpu,
-        (mesh, network): (TetMesh, DiscreteModel),
+        (mesh, discrete_model): (TetMesh, DiscreteModel),
         material: &Material,
         (kind, settings): (SolverKind, CgSettings),
     ) -> Result<Box<dyn Simulator>> {
         if self == EngineChoice::Exactly(Engine::Rapier) {
-            return rapier(gpu, (mesh, network), (kind, settings));
+            return rapier(gpu, (mesh, discrete_model), (kind, settings));
         }
         // Models supported by one engine only use that engine, unless the other was requested.
-        let only_on_cpu = network.elements().is_some_and(|elements| {
+        let only_on_cpu = discrete_model.elements().is_some_and(|elements| {
             elements.volume == VolumetricFormulation::NodalAveraged || elements.order() == 2
         });
         let of_cpu = SolverKind::ELEMENT_ONLY.contains(&kind) || only_on_cpu;
         if of_cpu && self == EngineChoice::Auto || self.resolve(gpu) == Engine::Cpu {
-            let body = CpuTets::of_network(
+            let body = CpuTets::of_model(
                 gpu,
-                (mesh, network),
+                (mesh, discrete_model),
                 material,
                 (kind, settings),
                 Precision::Single,
             )?;
             return Ok(Box::new(body));
         }
-        let body = GpuBody::from_model(gpu, &mesh, network, material)?;
+        let body = GpuBody::from_model(gpu, &mesh, discrete_model, material)?;
         let solver: Box<dyn Solver> = match kind {
             SolverKind::Implicit => Box::new(ImplicitEuler::with(gpu, &body, settings)?),
             kind => kind.solver(gpu, &body)?,

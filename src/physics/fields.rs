@@ -114,7 +114,7 @@ impl BodyField {
             )));
         }
         match body.model() {
-            Some(network) if network.elements().is_some() => Ok(()),
+            Some(discrete_model) if discrete_model.elements().is_some() => Ok(()),
             Some(_) => Err(Error::Input(format!(
                 "{self} is not available for a body of springs, which have no stress; use --material neo-hookean (or corotated), or show displacement, strain or J"
             ))),
@@ -156,8 +156,8 @@ impl BodyField {
 
     /// Difference of values that may be a rounding error.
     pub fn noise_floor(self, body: &dyn Simulator) -> f64 {
-        let stiffest = |network: &DiscreteModel| {
-            let lame = network.tets().iter().map(|e| e.lame_parameters[0]);
+        let stiffest = |discrete_model: &DiscreteModel| {
+            let lame = discrete_model.tets().iter().map(|e| e.lame_parameters[0]);
             lame.fold(0.0, f64::max)
         };
         let members = body.members().iter();
@@ -199,10 +199,13 @@ impl BodyField {
             let of_tet = |t: usize| self.of_deformation(&deformation(&mesh.tet_nodes(t), &now(t)));
             return Ok(parallel::map(mesh.tets.len(), of_tet));
         }
-        let Some((network, elements)) = model else {
+        let Some((discrete_model, elements)) = model else {
             return self.check(body).map(|()| Vec::new());
         };
-        let metres: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
+        let metres: Vec<DVec3> = positions
+            .iter()
+            .map(|p| discrete_model.to_metres(*p))
+            .collect();
         // The averaged nodal volumes require all tets.
         let shared = match self {
             BodyField::EnergyDensity => elements.averaged_energy_densities(&metres),

@@ -170,7 +170,7 @@ fn node_means_preserve_constant_and_linear_fields() {
 #[test]
 fn averaged_volumes_enter_stress_and_energy() {
     let mesh = box_mesh([3, 2, 2], DVec3::new(0.3, 0.2, 0.2), Split::Six).unwrap();
-    let network = |volume| {
+    let discrete_model = |volume| {
         let material = Material {
             model: MaterialModel::NeoHookean,
             poisson: 0.45,
@@ -183,13 +183,13 @@ fn averaged_volumes_enter_stress_and_energy() {
         VolumetricFormulation::PerTet,
         VolumetricFormulation::NodalAveraged,
     ]
-    .map(network);
+    .map(discrete_model);
     let places = |bend: f64| -> Vec<DVec3> {
         let moved = |p: &DVec3| DVec3::new(1.1 * p.x + bend * p.x * p.x, p.y, 0.95 * p.z);
         networks[0].rest_positions.iter().map(moved).collect()
     };
-    let values = |network: &DiscreteModel, field: BodyField, x: &[DVec3]| -> Vec<f64> {
-        let elements = network.elements().unwrap();
+    let values = |discrete_model: &DiscreteModel, field: BodyField, x: &[DVec3]| -> Vec<f64> {
+        let elements = discrete_model.elements().unwrap();
         let shared = match field {
             BodyField::EnergyDensity => elements.averaged_energy_densities(x),
             _ => elements.averaged_pressures(x),
@@ -221,9 +221,9 @@ fn averaged_volumes_enter_stress_and_energy() {
         assert!(even < 1e-12 && bent > 1e-4, "{field}: {even}, {bent}");
     }
     let x = places(0.5);
-    for network in &networks {
-        let elements = network.elements().unwrap();
-        let densities = values(network, BodyField::EnergyDensity, &x);
+    for discrete_model in &networks {
+        let elements = discrete_model.elements().unwrap();
+        let densities = values(discrete_model, BodyField::EnergyDensity, &x);
         let each = densities.iter().zip(&elements.tets);
         let sum: f64 = each.map(|(density, e)| density * e.volume).sum();
         assert!((sum / elements.energy(&x) - 1.0).abs() < 1e-12);

@@ -63,7 +63,7 @@ pub use model::joint::{Joint, JointKind};
 pub use model::material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 pub use model::nodal_volume::VolumetricFormulation;
 pub use model::node_term::NodeTerm;
-pub use model::quadratic::{MidEdges, QuadraticHessian, QuadraticShape};
+pub use model::quadratic::{MidEdges, QuadraticShape};
 pub use model::rigid_region::RigidBody;
 pub use model::solver_kind::SolverKind;
 pub use model::solver_settings::CgSettings;

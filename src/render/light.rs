@@ -142,8 +142,8 @@ impl Geometry {
         let of_node = |v: usize| {
             let (mut rise, mut volume) = (DVec3::ZERO, 0.0);
             let (mut area, mut areas) = (DVec3::ZERO, 0.0);
-            let own = around.firsts[v] as usize..around.firsts[v + 1] as usize;
-            for item in &around.items[own] {
+            let incident = around.firsts[v] as usize..around.firsts[v + 1] as usize;
+            for item in &around.items[incident] {
                 let item = match (*item as usize).checked_sub(mesh.tets.len()) {
                     None => mesh.tets[*item as usize],
                     Some(end) => around.boundary_faces[end],

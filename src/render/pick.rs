@@ -209,8 +209,8 @@ impl PickRay<'_> {
             return None;
         };
         let float = |bits: u32| f32::from_bits(bits);
-        let place = Vec3::new(float(x), float(y), float(z));
-        let point = self.frame.to_file(place);
+        let local = Vec3::new(float(x), float(y), float(z));
+        let point = self.frame.to_file(local);
         let Ray { origin, direction } = self.camera.ray(self.pixel, self.size);
         (triangle < triangles).then(|| FirstHit {
             triangle,

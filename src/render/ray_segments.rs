@@ -188,13 +188,13 @@ impl ReferenceRaycaster {
         let mut found: Vec<ReferenceSegment> = Vec::new();
         for segment in self.segments(ray) {
             let [enter, leave] = segment.t;
-            let own = transfer.segment_integral(segment.s[0], segment.s[1], leave - enter);
+            let integral = transfer.segment_integral(segment.s[0], segment.s[1], leave - enter);
             match found.last_mut() {
                 Some((t, sum)) if enter - t[1] <= TOUCHING_EXACTLY * t[1] => {
-                    *sum = over_exactly(*sum, own);
+                    *sum = over_exactly(*sum, integral);
                     t[1] = t[1].max(leave);
                 }
-                _ => found.push((segment.t, own)),
+                _ => found.push((segment.t, integral)),
             }
         }
         found

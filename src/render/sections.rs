@@ -293,8 +293,13 @@ impl Sections {
             items.push([at_rest, opacity as f32, 0.0, 0.0]);
         }
         for iso in &self.isosurfaces {
-            let own = f32::from(u8::from(iso.colour.is_some()));
-            items.push([coordinate(iso.value) as f32, iso.opacity as f32, own, 0.0]);
+            let has_colour = f32::from(u8::from(iso.colour.is_some()));
+            items.push([
+                coordinate(iso.value) as f32,
+                iso.opacity as f32,
+                has_colour,
+                0.0,
+            ]);
             let [r, g, b] = iso.colour.unwrap_or_default();
             items.push([r, g, b, 0.0].map(|x| x as f32));
         }
@@ -408,10 +413,10 @@ impl ReferenceRaycaster {
                 let (colour, opacity) = match surface {
                     SurfaceHit::Slice(opacity) => (transfer.colour(at(u, s)), opacity),
                     SurfaceHit::Iso(iso) => {
-                        let own = iso.colour.unwrap_or_else(|| transfer.colour(iso.value));
+                        let colour = iso.colour.unwrap_or_else(|| transfer.colour(iso.value));
                         let [factor, shine] =
                             light.map_or([1.0, 0.0], |l| (l.surface)(tet, position(at(u, t)), way));
-                        (own.map(|c| (factor * c + shine).min(1.0)), iso.opacity)
+                        (colour.map(|c| (factor * c + shine).min(1.0)), iso.opacity)
                     }
                 };
                 add(colour.map(|c| c * opacity), opacity);

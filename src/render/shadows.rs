@@ -183,19 +183,19 @@ impl Geometry {
             let r = tet.map(|v| rest[v as usize]);
             let cells_wide = crate::mesh::signed_volume(p).abs() / grid.cell.powi(3);
             // Tets larger than a cell get proportionally more sample points.
-            let own = (f64::from(points) * cells_wide).min(MAX_GRID_POINTS).ceil() as u32;
-            let own = own.max(points);
-            let share = cells_wide / f64::from(own);
+            let samples = (f64::from(points) * cells_wide).min(MAX_GRID_POINTS).ceil() as u32;
+            let samples = samples.max(points);
+            let share = cells_wide / f64::from(samples);
             // Vary the points between tets: equal points would alias with the cells.
             let first = (tet.iter().fold(0u32, |sum, v| sum.wrapping_add(*v)) & 255) * points;
-            for i in first..first + own {
+            for i in first..first + samples {
                 let w = weights(i);
                 let mixed = |q: &[DVec3; 4]| (0..4).map(|k| w[k] * q[k]).sum::<DVec3>();
-                let place = mixed(&p);
-                if inside.is_clipped(place, mixed(&r)) {
+                let position = mixed(&p);
+                if inside.is_clipped(position, mixed(&r)) {
                     continue;
                 }
-                if let Some(k) = grid.at((place - grid.low) / grid.cell) {
+                if let Some(k) = grid.at((position - grid.low) / grid.cell) {
                     grid.extinction[k] += share * extinction(t, w);
                 }
             }

@@ -178,15 +178,15 @@ impl Scene {
                 engine.build_grid(gpu, cage.mesh.clone(), model)
             }
             None => {
-                let mut network = cage.network.clone();
+                let mut discrete_model = cage.model.clone();
                 if !self.material.says_damping() && !kind.is_implicit() {
-                    network.damping_time = 0.0;
-                    if let Some((damping, note)) = stable_damping(&network, kind) {
-                        network.damping_time = damping;
+                    discrete_model.damping_time = 0.0;
+                    if let Some((damping, note)) = stable_damping(&discrete_model, kind) {
+                        discrete_model.damping_time = damping;
                         notes.push(note);
                     }
                 }
-                self.simulator_of(gpu, cage.mesh.clone(), network, material, kind)
+                self.simulator_of(gpu, cage.mesh.clone(), discrete_model, material, kind)
             }
         }
     }

@@ -62,16 +62,16 @@ struct OscillatorResponse {
 }
 
 impl LoadResponse {
-    /// Computes the response of `network`, fixed at `pinned`, to the nodal forces `load` in N;
+    /// Computes the response of `model`, fixed at `pinned`, to the nodal forces `load` in N;
     /// `None` if nothing can move.
-    pub fn new(network: &DiscreteModel, pinned: &[bool], load: &[DVec3]) -> Option<LoadResponse> {
-        let (given, rate) = Compliance::new(network, pinned)?.solve_load(load);
-        let (low, high) = bounds(&network.rest_positions);
+    pub fn new(model: &DiscreteModel, pinned: &[bool], load: &[DVec3]) -> Option<LoadResponse> {
+        let (given, rate) = Compliance::new(model, pinned)?.solve_load(load);
+        let (low, high) = bounds(&model.rest_positions);
         let response = LoadResponse {
             given,
             rate,
             diagonal: (high - low).length(),
-            damping_time: network.damping_time,
+            damping_time: model.damping_time,
         };
         let max_displacement = response.max_displacement();
         (max_displacement > 0.0 && max_displacement.is_finite() && rate > 0.0 && rate.is_finite())
@@ -131,25 +131,25 @@ impl LoadResponse {
         }
     }
 
-    /// Returns points, in the unit of `network.rest_positions`, that the view of the whole run
+    /// Returns points, in the unit of `model.rest_positions`, that the view of the whole run
     /// should contain under `factor` times the load: the rest positions and the largest
     /// displacements.
     pub fn motion_envelope(
         &self,
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         pinned: &[bool],
         factor: f64,
         (kind, steps, dt): (SolverKind, u32, f64),
     ) -> Vec<DVec3> {
         let far = factor * self.simulate_oscillator(kind, steps, dt).peak;
-        let mut points = network.rest_positions.clone();
-        let moving = network.rest_positions.iter().zip(&self.given);
+        let mut points = model.rest_positions.clone();
+        let moving = model.rest_positions.iter().zip(&self.given);
         if far * self.max_displacement() <= PENDULUM_DISPLACEMENT_RATIO * self.diagonal {
             points.extend(moving.clone().map(|(x, u)| *x + FRAMING_MARGIN * far * *u));
             points.extend(moving.map(|(x, u)| *x - RECOIL_MARGIN * far * *u));
             return points;
         }
-        let held: Vec<DVec3> = network
+        let held: Vec<DVec3> = model
             .rest_positions
             .iter()
             .zip(pinned)
@@ -158,7 +158,7 @@ impl LoadResponse {
             .collect();
         let middle = held.iter().sum::<DVec3>() / held.len().max(1) as f64;
         let down = self.given.iter().sum::<DVec3>().normalize_or_zero();
-        for x in &network.rest_positions {
+        for x in &model.rest_positions {
             let arm = *x - middle;
             let length = FRAMING_MARGIN * arm.length();
             let mirrored = 2.0 * arm.dot(down) * down - arm;
@@ -195,8 +195,8 @@ impl Scene {
     }
 
     /// Chooses the clamped end of a fine body that is not simulated itself.
-    pub(super) fn held_end_of(&self, network: &DiscreteModel) -> ChosenSupport {
-        network.find_clamped_end(self.down())
+    pub(super) fn held_end_of(&self, model: &DiscreteModel) -> ChosenSupport {
+        model.find_clamped_end(self.down())
     }
 
     /// Returns gravity and time step: those of the scene, or defaults chosen from the stiffness of
@@ -232,8 +232,8 @@ impl Scene {
             "applying gravity of {}",
             format_acceleration(pull.gravity.length())
         );
-        if let (true, Some(run), Some((network, pinned))) = (silent, ahead, held)
-            && let Some(response) = LoadResponse::new(network, pinned, &weight(network, across))
+        if let (true, Some(run), Some((model, pinned))) = (silent, ahead, held)
+            && let Some(response) = LoadResponse::new(model, pinned, &weight(model, across))
         {
             if self.solver.dt.is_none() && kind.is_implicit() {
                 pull.dt = response.step(run.steps, IMPLICIT_STEP);
@@ -242,25 +242,25 @@ impl Scene {
             pull.gravity = factor * across;
             pull.automatic = true;
             pull.reach =
-                Some(response.motion_envelope(network, pinned, factor, (kind, run.steps, pull.dt)));
+                Some(response.motion_envelope(model, pinned, factor, (kind, run.steps, pull.dt)));
             how = format!(
                 "applying a load of {}, chosen for a deflection of about a tenth of the body size,",
                 format_acceleration(factor)
             );
         } else if let Some(run) = ahead.filter(|run| run.draws_frames && self.camera.is_unset())
-            && let Some((network, pinned)) = held
+            && let Some((model, pinned)) = held
         {
-            let mut load = weight(network, pull.gravity);
+            let mut load = weight(model, pull.gravity);
             for (load, force) in load.iter_mut().zip(forces.unwrap_or_default()) {
                 *load += *force;
             }
-            let response = LoadResponse::new(network, pinned, &load);
+            let response = LoadResponse::new(model, pinned, &load);
             pull.reach =
-                response.map(|r| r.motion_envelope(network, pinned, 1.0, (kind, run.steps, dt)));
+                response.map(|r| r.motion_envelope(model, pinned, 1.0, (kind, run.steps, dt)));
         }
-        if let Some((network, _)) = held {
+        if let Some((model, _)) = held {
             for point in pull.reach.iter_mut().flatten() {
-                *point = network.to_file(*point);
+                *point = model.to_file(*point);
             }
         }
         if let Some((end, pieces)) = end {
@@ -283,9 +283,9 @@ impl Scene {
     }
 }
 
-/// Returns the weight of the nodes of `network` at 1 m/s² along `direction`, N.
-fn weight(network: &DiscreteModel, direction: DVec3) -> Vec<DVec3> {
-    network.masses.iter().map(|m| *m * direction).collect()
+/// Returns the weight of the nodes of `model` at 1 m/s² along `direction`, N.
+fn weight(model: &DiscreteModel, direction: DVec3) -> Vec<DVec3> {
+    model.masses.iter().map(|m| *m * direction).collect()
 }
 
 /// Formats a direction.
@@ -333,18 +333,14 @@ mod tests {
     fn default_load_scales_with_stiffness_and_step_with_period() {
         let bar = generate::paper_bar().unwrap();
         let factor = |young: f64| {
-            let network = DiscreteModel::new(&bar, &Material::from_young(young)).unwrap();
+            let model = DiscreteModel::new(&bar, &Material::from_young(young)).unwrap();
             let all: Vec<u32> = (0..bar.nodes.len() as u32).collect();
-            let end = ClampedEnd::from_points(
-                &network.rest_positions,
-                &network.masses,
-                &all,
-                DVec3::NEG_Z,
-            );
+            let end =
+                ClampedEnd::from_points(&model.rest_positions, &model.masses, &all, DVec3::NEG_Z);
             let mut pinned = vec![false; bar.nodes.len()];
             end.nodes.iter().for_each(|v| pinned[*v as usize] = true);
-            let load = weight(&network, DVec3::NEG_Z);
-            let response = LoadResponse::new(&network, &pinned, &load).unwrap();
+            let load = weight(&model, DVec3::NEG_Z);
+            let response = LoadResponse::new(&model, &pinned, &load).unwrap();
             let dt = response.step(50, 0.0);
             let swing = response.simulate_oscillator(SolverKind::Implicit, 50, dt);
             assert!(

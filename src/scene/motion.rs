@@ -235,8 +235,8 @@ impl Motion {
 
     /// Returns the number of rigid bodies in the body.
     pub fn rigid_bodies(&self) -> usize {
-        let network = self.simulator.model();
-        network.map_or(0, |n| n.rigid_bodies().len())
+        let model = self.simulator.model();
+        model.map_or(0, |n| n.rigid_bodies().len())
     }
 
     /// Whether its runs can be resumed from checkpoints.

@@ -181,8 +181,8 @@ pub(super) fn stable_damping(undamped: &DiscreteModel, kind: SolverKind) -> Opti
 
 /// Returns notes of the rigid regions, and a warning of regions that form one rigid body only
 /// because they share nodes.
-fn rigid_notes(mesh: &TetMesh, network: &DiscreteModel) -> Vec<String> {
-    let bodies = network.rigid_bodies();
+fn rigid_notes(mesh: &TetMesh, discrete_model: &DiscreteModel) -> Vec<String> {
+    let bodies = discrete_model.rigid_bodies();
     if bodies.is_empty() {
         return Vec::new();
     }
@@ -234,11 +234,13 @@ impl Scene {
                 notes.push(note);
             }
         }
-        let mut network = DiscreteModel::new(&mesh, &material)?;
-        self.add_masses(&mesh, &mut network)?;
-        notes.extend(rigid_notes(&mesh, &network));
-        let contrast = network.elements().map_or(1.0, Elements::stiffness_ratio);
-        let simulator = self.simulator_of(gpu, mesh, network, &material, kind)?;
+        let mut discrete_model = DiscreteModel::new(&mesh, &material)?;
+        self.add_masses(&mesh, &mut discrete_model)?;
+        notes.extend(rigid_notes(&mesh, &discrete_model));
+        let contrast = discrete_model
+            .elements()
+            .map_or(1.0, Elements::stiffness_ratio);
+        let simulator = self.simulator_of(gpu, mesh, discrete_model, &material, kind)?;
         if kind.is_implicit() && simulator.engine() == Engine::Gpu && contrast >= GPU_CONTRAST {
             notes.push(format!(
                 "the stiffest tissue is {contrast:.0} times as stiff as the softest, which exceeds the 32-bit precision of the GPU: soft tissue may not move; use --engine cpu, or rigid = true for stiff tissue"
@@ -247,12 +249,12 @@ impl Scene {
         self.set_up(simulator, notes)
     }
 
-    /// Creates the simulator of the tetrahedral body `mesh`, `network` on the chosen engine.
+    /// Creates the simulator of the tetrahedral body `mesh`, `discrete_model` on the chosen engine.
     pub(super) fn simulator_of(
         &self,
         gpu: &Gpu,
         mesh: TetMesh,
-        network: DiscreteModel,
+        discrete_model: DiscreteModel,
         material: &Material,
         kind: SolverKind,
     ) -> Result<Box<dyn Simulator>> {
@@ -273,7 +275,7 @@ impl Scene {
             engine = EngineChoice::Exactly(Engine::Cpu);
         }
         let how = (kind, self.conjugate_gradients());
-        engine.build_tets_from_model(gpu, (mesh, network), material, how)
+        engine.build_tets_from_model(gpu, (mesh, discrete_model), material, how)
     }
 
     fn grid_simulator(

@@ -81,7 +81,7 @@ impl<'a> Binder<'a> {
     /// Builds the search structures of `base` for `mapping`.
     ///
     /// # Errors
-    /// As [`bind`](super::bind()).
+    /// As [`BaseMesh::bind`](super::BaseMesh::bind).
     pub fn new(base: &'a BaseMesh, mapping: Mapping) -> Result<Binder<'a>> {
         let count = base.nodes.len();
         if base.normals.len() != count {

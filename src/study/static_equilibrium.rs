@@ -82,10 +82,10 @@ pub fn at_rest(
     (start, held): (&[DVec3], &[u32]),
     gravity: DVec3,
 ) -> Result<CpuTets> {
-    let network = DiscreteModel::new(mesh, material)?;
+    let discrete_model = DiscreteModel::new(mesh, material)?;
     let how = ReferenceMotion::converged_scheme(SolverKind::Implicit);
-    let own = (mesh.clone(), network);
-    let mut body = CpuTets::of_network(gpu, own, material, how, Precision::Double)?;
+    let own = (mesh.clone(), discrete_model);
+    let mut body = CpuTets::of_model(gpu, own, material, how, Precision::Double)?;
     body.set_positions(start)?;
     body.pin_nodes(held)?;
     body.loads_mut().set_gravity(gravity);

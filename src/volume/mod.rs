@@ -123,7 +123,7 @@ impl Volume {
     }
 
     /// Returns the number of voxels of each label, if this is a label map: integers, at most
-    /// [`MAX_LABELS`] distinct ones.
+    /// 1,000 distinct ones.
     pub fn labels(&self) -> Option<BTreeMap<i64, usize>> {
         let mut counts = BTreeMap::new();
         let mut n = 0;

@@ -1,7 +1,10 @@
 //! The pass mechanism on a real adapter (a software one suffices; without any, these tests fail).
 
-use palpate::gpu::{Gpu, GpuStruct, ROW_TEXELS, Shaders, Texel, check_layout};
+use palpate::gpu::{Gpu, GpuStruct, Shaders, Texel, check_layout};
 use palpate::{Error, gpu_struct};
+
+/// Texels per row of arrays.
+const ROW_TEXELS: u32 = 8192;
 
 gpu_struct! {
     struct Scale {

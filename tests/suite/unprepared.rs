@@ -34,8 +34,8 @@ fn lit(image: &Image) -> usize {
     pixels.filter(|p| p[3] > 0.02).count()
 }
 
-/// Simulates `mesh` and checks every frame.
-fn gives_and_stays_in_the_picture(name: &str, mesh: TetMesh, size: [u32; 2]) {
+/// Simulates `mesh` and checks every frame. Returns its displacement relative to its diagonal.
+fn gives_and_stays_in_the_picture(name: &str, mesh: TetMesh, size: [u32; 2]) -> f64 {
     let mut scene = unprepared(true, FRAMES);
     scene.picture.size = Some(size);
     let mut stage = Stage::with_mesh(&gpu(), &scene, mesh).unwrap();
@@ -68,6 +68,7 @@ fn gives_and_stays_in_the_picture(name: &str, mesh: TetMesh, size: [u32; 2]) {
     // A single picture of the end is framed for the end.
     stage.fit_view(&[]).unwrap();
     assert!(!touches_the_border(&stage.image().unwrap()), "{name}");
+    ratio
 }
 
 /// Returns the tets of a block whose centroid is inside, as a mesh.
@@ -85,7 +86,8 @@ fn boot_is_clamped_at_flat_end() {
     let boot = carved([12, 6, 12], DVec3::new(12.0, 6.0, 12.0), |p| {
         p.z < 4.0 || p.x < 5.0
     });
-    gives_and_stays_in_the_picture("boot", boot, [96, 72]);
+    let ratio = gives_and_stays_in_the_picture("boot", boot, [96, 72]);
+    assert!((ratio - 0.0879).abs() < 2e-3, "{ratio}");
 }
 
 #[test]
@@ -97,7 +99,8 @@ fn limb_is_clamped_at_thick_end() {
     let stage = Stage::with_mesh(&gpu(), &scene, limb.clone()).unwrap();
     let said = stage.notes().join("\n");
     assert!(said.contains("highest 5 % of the x extent"), "{said}");
-    gives_and_stays_in_the_picture("limb", limb, [96, 72]);
+    let ratio = gives_and_stays_in_the_picture("limb", limb, [96, 72]);
+    assert!((ratio - 0.0971).abs() < 2e-3, "{ratio}");
 }
 
 #[test]

@@ -106,7 +106,7 @@ fn springs(context: &Context, row: Row, kind: SolverKind) -> Result<Row> {
     for _ in 0..SPRING_STEPS {
         reference.step(&mut truth, h)?;
     }
-    let model = &truth.network;
+    let model = &truth.model;
     let found = body.positions()?.into_iter().map(|x| model.to_metres(x));
     let found: Vec<DVec3> = found.collect();
     let (low, high) = crate::mesh::bounds(&start);

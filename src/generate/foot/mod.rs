@@ -46,7 +46,7 @@ const TRIAL_STEPS: [f64; 2] = [0.0085, 0.0055];
 ///
 /// It stands on z = 0 and is cut off above the ankle, where it can be clamped; x runs from the heel
 /// to the toes, y to the big toe, z up. The node field `intensity` resembles a CT scan in
-/// Hounsfield units; in the cell field `label` 1 is soft tissue and 2 to 27 are the [`FOOT_BONES`],
+/// Hounsfield units; in the cell field `label` 1 is soft tissue and 2 to 27 are the bones,
 /// named in the mesh's regions. From about 30,000 tets on every bone has tets of its own and the
 /// toes are separate; with fewer tets the smallest bones may have none. Deterministic; dihedral
 /// angles stay above 5°. No two bones share a node: there is soft tissue between them.

@@ -3,10 +3,10 @@
 use super::quality::quality;
 use crate::mesher::domain::{OffsetDomain, Sampler};
 use crate::mesher::fans::VertexFans;
-use crate::mesher::id_hash::{KeyMap, KeySet};
 use crate::mesher::stars::Stars;
 use crate::mesher::stencil::Piece;
 use glam::DVec3;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A mesh with the tets at each node, updated as it changes.
 pub(super) struct EditableMesh<'a> {
@@ -18,8 +18,8 @@ pub(super) struct EditableMesh<'a> {
     pub edge: f64,
     stars: Stars,
     /// The tets at nodes whose tets have changed.
-    changed: KeyMap<u32, Vec<u32>>,
-    fixed: KeySet<u32>,
+    changed: FxHashMap<u32, Vec<u32>>,
+    fixed: FxHashSet<u32>,
 }
 
 impl<'a> EditableMesh<'a> {
@@ -30,9 +30,9 @@ impl<'a> EditableMesh<'a> {
         nodes: Vec<DVec3>,
         pieces: Vec<Piece>,
     ) -> EditableMesh<'a> {
-        let places: KeySet<[u64; 3]> = nodes[doubled..].iter().map(bits).collect();
+        let places: FxHashSet<[u64; 3]> = nodes[doubled..].iter().map(bits).collect();
         let fixed = match places.is_empty() {
-            true => KeySet::default(),
+            true => FxHashSet::default(),
             false => (0..nodes.len() as u32)
                 .filter(|v| places.contains(&bits(&nodes[*v as usize])))
                 .collect(),
@@ -43,7 +43,7 @@ impl<'a> EditableMesh<'a> {
             pieces,
             sampler: Sampler::new(domain),
             edge,
-            changed: KeyMap::default(),
+            changed: FxHashMap::default(),
             fixed,
         }
     }

@@ -412,14 +412,14 @@ impl MultiBody {
     ) -> Result<()> {
         self.sync_loads()?;
         for member in &mut self.members {
-            let own = member.steps(dt);
-            let Some(all) = steps.checked_mul(own) else {
+            let substeps = member.steps(dt);
+            let Some(all) = steps.checked_mul(substeps) else {
                 return Err(Error::Input(format!(
-                    "body \"{}\" needs too many substeps: {own} per step of {dt} s; increase its time step, or decrease that of all bodies",
+                    "body \"{}\" needs too many substeps: {substeps} per step of {dt} s; increase its time step, or decrease that of all bodies",
                     member.name
                 )));
             };
-            member.named(|s| ask(s, all, dt / f64::from(own)))?;
+            member.named(|s| ask(s, all, dt / f64::from(substeps)))?;
         }
         Ok(())
     }

@@ -137,7 +137,7 @@ impl DistanceField {
                     let w = |dx: usize, dy: usize, dz: usize| {
                         weights[0][dx][x] * weights[1][dy][y] * weights[2][dz][z] * value
                     };
-                    let own = [
+                    let terms = [
                         w(0, 0, 0),
                         w(1, 0, 0),
                         w(0, 1, 0),
@@ -149,7 +149,7 @@ impl DistanceField {
                         w(1, 0, 1),
                         w(0, 1, 1),
                     ];
-                    sums.iter_mut().zip(own).for_each(|(s, o)| *s += o);
+                    sums.iter_mut().zip(terms).for_each(|(s, t)| *s += t);
                 }
             }
         }

@@ -54,7 +54,7 @@ pub struct GpuBody {
     pub(in crate::physics) rigid: Option<GpuRigid>,
     /// Tools and the boundary they press on, if any.
     pub(in crate::physics) contact: Option<GpuContact>,
-    pub(in crate::physics) network: DiscreteModel,
+    pub(in crate::physics) model: DiscreteModel,
     pub(in crate::physics) material: Material,
     terms: Vec<Arc<dyn NodeTerm>>,
     /// Parameters of the node terms, if any.
@@ -79,22 +79,22 @@ impl GpuBody {
     /// [`Error::Input`] if a material parameter is out of range, [`Error::Gpu`] if the mesh does
     /// not fit the device.
     pub fn new(gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<GpuBody> {
-        let network = DiscreteModel::new(mesh, material)?;
-        GpuBody::from_model(gpu, mesh, network, material)
+        let model = DiscreteModel::new(mesh, material)?;
+        GpuBody::from_model(gpu, mesh, model, material)
     }
 
     /// As [`GpuBody::new`], with a given model, for example that of a cage. A cut computes
     /// the new edges along it from `material`.
     ///
     /// # Errors
-    /// [`Error::Input`] if `network` does not match `mesh`; otherwise as [`GpuBody::new`].
+    /// [`Error::Input`] if `model` does not match `mesh`; otherwise as [`GpuBody::new`].
     pub fn from_model(
         gpu: &Gpu,
         mesh: &TetMesh,
-        network: DiscreteModel,
+        model: DiscreteModel,
         material: &Material,
     ) -> Result<GpuBody> {
-        if network
+        if model
             .elements()
             .is_some_and(|elements| elements.order() == 2)
         {
@@ -105,24 +105,24 @@ impl GpuBody {
         }
         let count = mesh.nodes.len();
         let strange = |e: &Edge| e.nodes.iter().any(|v| *v as usize >= count);
-        let fits = network.rest_positions.len() == count && network.masses.len() == count;
-        let corners = network.tets().iter().flat_map(|e| e.nodes);
+        let fits = model.rest_positions.len() == count && model.masses.len() == count;
+        let corners = model.tets().iter().flat_map(|e| e.nodes);
         let fits = fits && corners.max().is_none_or(|v| (v as usize) < count);
-        if !fits || network.edges.iter().any(strange) {
+        if !fits || model.edges.iter().any(strange) {
             return Err(Error::Input(format!(
                 "the model, with masses of {} nodes, does not match the mesh of {count} nodes",
-                network.masses.len()
+                model.masses.len()
             )));
         }
-        let units = LocalUnits::from_model(&network);
+        let units = LocalUnits::from_model(&model);
         let nodes = NodePositions::new(gpu, mesh)?;
         let frame = nodes.frame();
         let rest: Vec<Vec3> = mesh.nodes.iter().map(|p| frame.to_local(*p)).collect();
-        let edges = GpuEdges::new(gpu, &network, &rest, &units)?;
-        let discretisation = GpuDiscretisation::new(gpu, &network, &rest, (&edges, &units))?;
-        let rigid = GpuRigid::new(gpu, &network, (discretisation.elements(), &units))?;
+        let edges = GpuEdges::new(gpu, &model, &rest, &units)?;
+        let discretisation = GpuDiscretisation::new(gpu, &model, &rest, (&edges, &units))?;
+        let rigid = GpuRigid::new(gpu, &model, (discretisation.elements(), &units))?;
         let mut body = GpuBody {
-            loads: Loads::new(nodes.len(), frame, network.length_unit),
+            loads: Loads::new(nodes.len(), frame, model.length_unit),
             uploaded_loads: None,
             grabs: GrabLists::default(),
             gpu: gpu.clone(),
@@ -135,7 +135,7 @@ impl GpuBody {
             rigid,
             contact: None,
             nodes,
-            network,
+            model,
             material: material.clone(),
             terms: Vec::new(),
             node_terms: None,
@@ -159,8 +159,8 @@ impl GpuBody {
     }
 
     /// The model in float64.
-    pub fn network(&self) -> &DiscreteModel {
-        &self.network
+    pub fn model(&self) -> &DiscreteModel {
+        &self.model
     }
 
     /// The units of the arrays on the GPU.
@@ -209,8 +209,8 @@ impl GpuBody {
 
     /// The nodes whose rest position, in file units, satisfies `where_`.
     pub fn nodes_where(&self, where_: impl Fn(DVec3) -> bool) -> Vec<u32> {
-        let rest = self.network.rest_positions.iter().enumerate();
-        rest.filter(|(_, x)| where_(self.network.to_file(**x)))
+        let rest = self.model.rest_positions.iter().enumerate();
+        rest.filter(|(_, x)| where_(self.model.to_file(**x)))
             .map(|(i, _)| i as u32)
             .collect()
     }
@@ -235,7 +235,7 @@ impl GpuBody {
     /// Clamps the end chosen by [`DiscreteModel::find_clamped_end`] and applies `gravity` (m/s²)
     /// across it. Returns a sentence that describes both.
     pub fn clamp_one_end(&mut self, gravity: f64) -> String {
-        let (end, _) = self.network.find_clamped_end(DVec3::NEG_Z);
+        let (end, _) = self.model.find_clamped_end(DVec3::NEG_Z);
         // Cannot fail: these are nodes of the body.
         let _ = self.loads.pin_nodes(&end.nodes);
         self.loads.set_gravity(gravity * end.load_direction());
@@ -350,7 +350,7 @@ impl GpuBody {
     /// As [`Gpu::read_array`].
     pub fn velocities(&self) -> Result<Vec<DVec3>> {
         let local: Vec<[f32; 4]> = self.gpu.read_array(&self.velocities)?;
-        let unit = self.units.velocity() / self.network.length_unit;
+        let unit = self.units.velocity() / self.model.length_unit;
         Ok(local
             .iter()
             .map(|v| Vec3::new(v[0], v[1], v[2]).as_dvec3() * unit)
@@ -372,7 +372,7 @@ impl GpuBody {
     /// # Errors
     /// [`Error::Input`] if the number of velocities is wrong or one is not finite.
     pub fn set_velocities(&mut self, velocities: &[DVec3]) -> Result<()> {
-        let unit = self.units.velocity() / self.network.length_unit;
+        let unit = self.units.velocity() / self.model.length_unit;
         let local = self
             .nodes
             .check("velocities", velocities, |v| (v / unit).as_vec3())?;
@@ -447,11 +447,7 @@ impl GpuBody {
 
     /// Uploads the masses with the constrained nodes.
     pub(in crate::physics) fn flush_masses(&self) -> Result<()> {
-        let masses = self
-            .network
-            .masses
-            .iter()
-            .zip(self.loads.constrained_nodes());
+        let masses = self.model.masses.iter().zip(self.loads.constrained_nodes());
         let mut masses: Vec<[f32; 2]> = masses
             .map(|(mass, held)| self.local_mass(*mass, held))
             .collect();

@@ -185,35 +185,35 @@ impl Lists {
     }
 }
 
-/// The boundary surface of the faces `faces` of `network`, in local units.
+/// The boundary surface of the faces `faces` of `model`, in local units.
 pub(in crate::physics) fn boundary_surface(
-    network: &DiscreteModel,
+    model: &DiscreteModel,
     faces: &[[u32; 3]],
     units: &LocalUnits,
 ) -> BoundarySurface {
-    let rest = network
+    let rest = model
         .rest_positions
         .iter()
         .map(|x| *x / units.length)
         .collect();
-    let faces: Vec<([u32; 3], f64)> = face_stiffnesses(faces, network, units).collect();
+    let faces: Vec<([u32; 3], f64)> = face_stiffnesses(faces, model, units).collect();
     BoundarySurface::new(rest, &faces)
 }
 
 impl GpuContact {
-    /// `tools` with the poses in `loads`, on the boundary `faces` of the body of `network` and
+    /// `tools` with the poses in `loads`, on the boundary `faces` of the body of `model` and
     /// `elements`.
     ///
     /// # Errors
     /// [`Error::Gpu`] if the arrays do not fit the device.
     pub fn new(
         gpu: &Gpu,
-        (network, elements, units): (&DiscreteModel, &GpuElements, &LocalUnits),
+        (model, elements, units): (&DiscreteModel, &GpuElements, &LocalUnits),
         faces: &[[u32; 3]],
         (tools, loads): (&[Tool], &Loads),
     ) -> Result<GpuContact> {
-        let hull = boundary_surface(network, faces, units);
-        let unit = network.length_unit / units.length;
+        let hull = boundary_surface(model, faces, units);
+        let unit = model.length_unit / units.length;
         let records = tools
             .iter()
             .zip(loads.tools())
@@ -233,7 +233,7 @@ impl GpuContact {
             let at = gpu_pose(loads, pose);
             data.push(tool_data(tool, hull.edge, at, &mut values));
         }
-        let nodes = network.rest_positions.len();
+        let nodes = model.rest_positions.len();
         Ok(GpuContact {
             tools: gpu.buffer_of("tools", &data)?,
             fields: gpu.buffer_of("distances", &values)?,
@@ -468,7 +468,7 @@ impl GpuBody {
         let Some(elements) = self.elements() else {
             return Ok(());
         };
-        let of = (&self.network, elements, &self.units);
+        let of = (&self.model, elements, &self.units);
         self.contact = Some(GpuContact::new(&self.gpu, of, faces, (tools, &self.loads))?);
         self.generation += 1;
         self.mark_changed();

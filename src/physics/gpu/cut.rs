@@ -75,7 +75,7 @@ impl GpuBody {
         if cut.is_empty() {
             return self.check_mesh(mesh);
         }
-        let edges = self.network.apply_cut(mesh, &self.material, cut)?;
+        let edges = self.model.apply_cut(mesh, &self.material, cut)?;
         // Pins and releases that are not yet uploaded are sent together with the next step.
         let held = self.loads.versions.constraints;
         let known = self
@@ -93,7 +93,7 @@ impl GpuBody {
             }
             let mass = |v: &u32| {
                 let v = *v as usize;
-                self.local_mass(self.network.masses[v], self.pinned()[v])
+                self.local_mass(self.model.masses[v], self.pinned()[v])
             };
             let masses: Vec<[f32; 2]> = cut.nodes.iter().map(mass).collect();
             self.gpu.scatter_items(&self.masses, &cut.nodes, &masses)?;
@@ -105,18 +105,18 @@ impl GpuBody {
         } else {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
             self.edges
-                .rebuild(&self.gpu, &self.network, &rest, &self.units)?;
+                .rebuild(&self.gpu, &self.model, &rest, &self.units)?;
             if let GpuDiscretisation::Springs(springs) = &mut self.discretisation {
                 springs.rebuild(&self.gpu, &self.edges)?;
             }
         }
-        if self.network.elements().is_some() {
+        if self.model.elements().is_some() {
             let rest: Vec<Vec3> = (0..mesh.nodes.len() as u32).map(rest).collect();
             let with = (&self.edges, &self.units);
-            self.discretisation = GpuDiscretisation::new(&self.gpu, &self.network, &rest, with)?;
+            self.discretisation = GpuDiscretisation::new(&self.gpu, &self.model, &rest, with)?;
             let made_of = (self.elements(), &self.units);
             let was = self.rigid.is_some();
-            self.rigid = GpuRigid::new(&self.gpu, &self.network, made_of)?;
+            self.rigid = GpuRigid::new(&self.gpu, &self.model, made_of)?;
             if was {
                 self.flush_masses()?;
             }
@@ -152,7 +152,7 @@ impl GpuBody {
         gpu.write_items(&self.velocities, first as u32, &of(&velocities))?;
         gpu.resize(&mut self.masses, "masses", len)?;
         gpu.resize(&mut self.external, "external forces", len)?;
-        let shared = self.loads.apply_cut(cut, &self.network.masses);
+        let shared = self.loads.apply_cut(cut, &self.model.masses);
         let from = if shared { 0 } else { first };
         let forces = self.loads.forces()[from..].iter();
         let texels: Vec<[f32; 4]> = forces.map(|f| f.as_vec3().extend(0.0).to_array()).collect();

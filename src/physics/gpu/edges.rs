@@ -19,14 +19,14 @@ pub(in crate::physics) struct GpuEdges {
 }
 
 impl GpuEdges {
-    /// The edges of `network`, whose nodes rest at the local positions `rest`.
+    /// The edges of `model`, whose nodes rest at the local positions `rest`.
     pub fn new(
         gpu: &Gpu,
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         rest: &[Vec3],
         units: &LocalUnits,
     ) -> Result<GpuEdges> {
-        let host = SlicedEllpack::new(network, rest, units)?;
+        let host = SlicedEllpack::new(model, rest, units)?;
         Ok(GpuEdges {
             rows: gpu.array_of_with_headroom("rows", Texel::U32x4, &host.rows)?,
             columns: gpu.array_of_with_headroom("columns", Texel::U32x4, &host.columns)?,
@@ -57,15 +57,15 @@ impl GpuEdges {
         Ok(replaced)
     }
 
-    /// Rebuilds all edges from `network`.
+    /// Rebuilds all edges from `model`.
     pub fn rebuild(
         &mut self,
         gpu: &Gpu,
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         rest: &[Vec3],
         units: &LocalUnits,
     ) -> Result<()> {
-        self.host = SlicedEllpack::new(network, rest, units)?;
+        self.host = SlicedEllpack::new(model, rest, units)?;
         self.resize_arrays(gpu)?;
         gpu.write_array(&self.rows, &self.host.rows)?;
         gpu.write_array(&self.columns, &self.host.columns)

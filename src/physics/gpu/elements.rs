@@ -94,11 +94,11 @@ struct Lists {
 }
 
 impl GpuElements {
-    /// `elements`, those of `network`, whose nodes rest at the local positions `rest` and whose
+    /// `elements`, those of `model`, whose nodes rest at the local positions `rest` and whose
     /// edges are `mesh_edges`.
     pub fn new(
         gpu: &Gpu,
-        (network, elements): (&DiscreteModel, &Elements),
+        (model, elements): (&DiscreteModel, &Elements),
         rest: &[Vec3],
         (mesh_edges, units): (&GpuEdges, &LocalUnits),
     ) -> Result<GpuElements> {
@@ -116,7 +116,7 @@ impl GpuElements {
         // Edges within rigid bodies are left out, because they carry no elastic force.
         let own = match elements.rigid.is_empty() {
             true => None,
-            false => Some(edges_of(network)?),
+            false => Some(edges_of(model)?),
         };
         let (edge_rows, edge_columns) = match &own {
             None => (mesh_edges.rows.clone(), mesh_edges.columns.clone()),
@@ -126,7 +126,7 @@ impl GpuElements {
             ),
         };
         let kept = own.as_ref().unwrap_or(mesh_edges.host_rows());
-        let lists = Lists::new(network, kept, units)?;
+        let lists = Lists::new(model, kept, units)?;
         let rows = SlicedEllpack::from_lists(&lists.corners, Some(4 * count as u32))?;
         let places: Vec<[f32; 4]> = rest.iter().map(|x| x.extend(0.0).to_array()).collect();
         let array = |label: &str, len| gpu.array(label, Texel::F32x4, len);
@@ -151,7 +151,7 @@ impl GpuElements {
                 drag: (elements.mass_damping * units.time) as f32,
                 _pad0: 0,
             },
-            damping_time: (network.damping_time / units.time) as f32,
+            damping_time: (model.damping_time / units.time) as f32,
         })
     }
 
@@ -309,10 +309,10 @@ impl GpuTerm for GpuElements {
     }
 }
 
-/// The directed edges of the elements of `network`, in sliced ELLPACK.
-fn edges_of(network: &DiscreteModel) -> Result<SlicedEllpack> {
-    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); network.rest_positions.len()];
-    for element in network.tets() {
+/// The directed edges of the elements of `model`, in sliced ELLPACK.
+fn edges_of(model: &DiscreteModel) -> Result<SlicedEllpack> {
+    let mut neighbours: Vec<Vec<u32>> = vec![Vec::new(); model.rest_positions.len()];
+    for element in model.tets() {
         for i in element.nodes {
             let others = element.nodes.iter().filter(|j| **j != i);
             neighbours[i as usize].extend(others);
@@ -326,18 +326,18 @@ fn edges_of(network: &DiscreteModel) -> Result<SlicedEllpack> {
 }
 
 impl Lists {
-    fn new(network: &DiscreteModel, kept: &SlicedEllpack, units: &LocalUnits) -> Result<Lists> {
+    fn new(model: &DiscreteModel, kept: &SlicedEllpack, units: &LocalUnits) -> Result<Lists> {
         let mut lists = Lists {
             tets: Vec::new(),
             shapes: Vec::new(),
-            corners: vec![Vec::new(); network.rest_positions.len()],
+            corners: vec![Vec::new(); model.rest_positions.len()],
             edges: Vec::new(),
             ends: Vec::new(),
             around: Vec::new(),
         };
         // Each edge with its incident tets: tet number and local corners of the two ends.
         let mut edges: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
-        for (e, element) in network.tets().iter().enumerate() {
+        for (e, element) in model.tets().iter().enumerate() {
             let e = e as u32;
             lists.tets.push(element.nodes);
             let [_, gradients @ ..] = element.gradients();

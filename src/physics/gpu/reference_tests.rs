@@ -63,12 +63,12 @@ fn twins(
         .iter()
         .map(|f| f.as_vec3().as_dvec3())
         .collect();
-    let network = DiscreteModel::new(mesh, &material).unwrap();
+    let model = DiscreteModel::new(mesh, &material).unwrap();
     truth.x = body
         .positions()
         .unwrap()
         .iter()
-        .map(|p| network.to_metres(*p))
+        .map(|p| model.to_metres(*p))
         .collect();
     truth.v = body.velocities().unwrap();
     for term in &terms {
@@ -156,7 +156,7 @@ fn forces_and_energies_match_float64() {
                 assert!(worst(&found, &truth.forces(), &scale) > 1e-4);
                 truth.terms = floors;
             }
-            truth.network.edges[7].stiffness *= 1.05;
+            truth.model.edges[7].stiffness *= 1.05;
             assert!(worst(&found, &truth.forces(), &scale) > 1e-5);
         }
     }
@@ -207,7 +207,7 @@ fn system_products_match_float64() {
             let unclamped: Vec<DVec3> = (0..p.len())
                 .map(|i| match truth.pinned[i] {
                     true => DVec3::ZERO,
-                    false => truth.network.masses[i] * p[i] - h * c[i] - h * h * k[i],
+                    false => truth.model.masses[i] * p[i] - h * c[i] - h * h * k[i],
                 })
                 .collect();
             assert!(worst(&found, &unclamped, &scale) > 1e-3);

@@ -12,7 +12,7 @@ impl Report {
     pub fn new(body: &GpuBody, mesh: &TetMesh) -> Result<Report> {
         let positions = body.positions()?;
         let velocities = body.velocities()?;
-        let energy = Energy::from_state(body.network(), body.terms(), &positions, &velocities);
+        let energy = Energy::from_state(body.model(), body.terms(), &positions, &velocities);
         Ok(Report::from_positions(energy, mesh, &positions))
     }
 }

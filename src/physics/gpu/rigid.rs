@@ -50,17 +50,17 @@ struct RigidConstraint {
 }
 
 impl GpuRigid {
-    /// The rigid bodies of `network`, unconstrained; `None` if it has none.
+    /// The rigid bodies of `model`, unconstrained; `None` if it has none.
     ///
     /// # Errors
     /// [`Error::Input`] if a body is massless or flat, or its nodes do not exist or belong to
     /// another; [`Error::Gpu`] if the arrays do not fit the device.
     pub fn new(
         gpu: &Gpu,
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         (elements, units): (Option<&GpuElements>, &LocalUnits),
     ) -> Result<Option<GpuRigid>> {
-        let (Some(elements), rigid) = (elements, network.rigid_bodies()) else {
+        let (Some(elements), rigid) = (elements, model.rigid_bodies()) else {
             return Ok(None);
         };
         if rigid.is_empty() {
@@ -73,16 +73,16 @@ impl GpuRigid {
             )));
         }
         let (_, _, row_of) = elements.edges();
-        node_owners(rigid, network.rest_positions.len())?;
-        let mut arms = vec![DVec3::ZERO; network.rest_positions.len()];
+        node_owners(rigid, model.rest_positions.len())?;
+        let mut arms = vec![DVec3::ZERO; model.rest_positions.len()];
         let mut texels = vec![[0.0f32; 4]; arms.len()];
         let (mut members, mut bodies) = (Vec::new(), Vec::with_capacity(rigid.len()));
         for (b, body) in rigid.iter().enumerate() {
-            let moments = MassProperties::of(network, body, units)?;
+            let moments = MassProperties::of(model, body, units)?;
             let first = members.len() as u32;
             for v in &body.nodes {
                 let i = *v as usize;
-                arms[i] = network.rest_positions[i] / units.length - moments.centre;
+                arms[i] = model.rest_positions[i] / units.length - moments.centre;
                 texels[i] = arms[i].as_vec3().extend((b + 1) as f32).to_array();
                 members.push([*v, row_of.get(i).copied().unwrap_or(0)]);
             }

@@ -89,20 +89,20 @@ impl Simulator for GpuTets {
     }
 
     fn masses(&self) -> &[f64] {
-        &self.body.network.masses
+        &self.body.model.masses
     }
 
     fn edge_nodes(&self) -> Vec<[u32; 2]> {
-        self.body.network.edge_nodes().collect()
+        self.body.model.edge_nodes().collect()
     }
 
     fn model(&self) -> Option<&DiscreteModel> {
-        Some(&self.body.network)
+        Some(&self.body.model)
     }
 
     fn set_integrator(&mut self, kind: SolverKind, settings: CgSettings) -> Result<()> {
         if !self.tools.is_empty() {
-            check_contact("tools", self.body.network(), kind)?;
+            check_contact("tools", self.body.model(), kind)?;
         }
         // Requested steps and results of the old solver are dropped with it.
         self.solver = match kind {
@@ -118,9 +118,9 @@ impl Simulator for GpuTets {
     }
 
     fn largest_stable_step(&self) -> Option<f64> {
-        let (network, terms) = (&self.body.network, self.body.terms());
-        let limit = largest_stable_step(network, self.body.pinned(), self.integrator())?;
-        Some(limit_with_terms(limit, network, terms))
+        let (model, terms) = (&self.body.model, self.body.terms());
+        let limit = largest_stable_step(model, self.body.pinned(), self.integrator())?;
+        Some(limit_with_terms(limit, model, terms))
     }
 
     fn advance(&mut self, steps: u32, dt: f64) -> Result<()> {
@@ -214,7 +214,7 @@ impl Simulator for GpuTets {
         // Positions in the local frame reach ½.
         let resolution = 0.5 * f64::from(f32::EPSILON) * body.units.length;
         Ok(balance_of_model(
-            &body.network,
+            &body.model,
             body.loads(),
             body.terms(),
             &body.positions()?,
@@ -226,7 +226,7 @@ impl Simulator for GpuTets {
         if self.progress.steps == 0 {
             return f64::INFINITY;
         }
-        let mass: f64 = self.body.network.masses.iter().sum();
+        let mass: f64 = self.body.model.masses.iter().sum();
         let speed = (2.0 * self.progress.last.kinetic.max(0.0) / mass).sqrt();
         speed / self.body.units.length
     }
@@ -251,7 +251,7 @@ impl Simulator for GpuTets {
 impl Contact for GpuTets {
     fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
         tool.check()?;
-        check_contact("tools", self.body.network(), self.integrator())?;
+        check_contact("tools", self.body.model(), self.integrator())?;
         self.body.check_tools()?;
         let id = self.body.loads_mut().add_tool(tool.pose);
         self.tools.push(tool);

@@ -46,16 +46,12 @@ pub(in crate::physics) struct Replaced {
 }
 
 impl SlicedEllpack {
-    /// The rows of `network`, whose nodes rest at the local positions `rest`.
+    /// The rows of `model`, whose nodes rest at the local positions `rest`.
     ///
     /// Rest lengths are computed from the rounded positions, so that a body at rest has no forces.
-    pub fn new(
-        network: &DiscreteModel,
-        rest: &[Vec3],
-        units: &LocalUnits,
-    ) -> Result<SlicedEllpack> {
+    pub fn new(model: &DiscreteModel, rest: &[Vec3], units: &LocalUnits) -> Result<SlicedEllpack> {
         let mut neighbours: Vec<Vec<DirectedEdge>> = vec![Vec::new(); rest.len()];
-        for edge in &network.edges {
+        for edge in &model.edges {
             for (node, directed) in directed_pair(edge, |v| rest[v as usize], units) {
                 neighbours[node as usize].push(directed);
             }

@@ -34,11 +34,11 @@ pub(in crate::physics) struct GpuSprings {
 }
 
 impl GpuSprings {
-    /// The springs of `network`, with the stiffness-proportional damping `damping_time` (s), along
+    /// The springs of `model`, with the stiffness-proportional damping `damping_time` (s), along
     /// `edges`.
     pub fn new(
         gpu: &Gpu,
-        (network, damping_time): (&SpringNetwork, f64),
+        (model, damping_time): (&SpringNetwork, f64),
         (edges, units): (&GpuEdges, &LocalUnits),
     ) -> Result<GpuSprings> {
         let springs = &edges.host_rows().stiffnesses;
@@ -47,9 +47,9 @@ impl GpuSprings {
             columns: edges.columns.clone(),
             springs: gpu.array_of_with_headroom("springs", Texel::F32x2, springs)?,
             params: SpringParams {
-                damping: (network.damping / units.damping()) as f32,
+                damping: (model.damping / units.damping()) as f32,
                 damping_time: (damping_time / units.time) as f32,
-                axial: u32::from(network.damping_kind == Damping::Axial),
+                axial: u32::from(model.damping_kind == Damping::Axial),
                 _pad0: 0,
             },
         })

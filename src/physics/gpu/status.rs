@@ -164,12 +164,7 @@ impl Status {
             time: clock.time(),
             cause,
             what,
-            advice: time_step_advice(
-                kind,
-                clock.dt(),
-                (&body.network, body.terms()),
-                body.pinned(),
-            ),
+            advice: time_step_advice(kind, clock.dt(), (&body.model, body.terms()), body.pinned()),
         })
     }
 }

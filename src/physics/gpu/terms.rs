@@ -67,21 +67,21 @@ pub(in crate::physics) enum GpuDiscretisation {
 }
 
 impl GpuDiscretisation {
-    /// The springs or elements of `network`, whose nodes rest at the local positions `rest` and
+    /// The springs or elements of `model`, whose nodes rest at the local positions `rest` and
     /// whose edges are `edges`.
     pub fn new(
         gpu: &Gpu,
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         rest: &[Vec3],
         with: (&GpuEdges, &LocalUnits),
     ) -> Result<GpuDiscretisation> {
-        Ok(match &network.discretisation {
+        Ok(match &model.discretisation {
             Discretisation::Springs(springs) => {
-                let springs = GpuSprings::new(gpu, (springs, network.damping_time), with)?;
+                let springs = GpuSprings::new(gpu, (springs, model.damping_time), with)?;
                 GpuDiscretisation::Springs(Box::new(springs))
             }
             Discretisation::Elements(elements) => {
-                let elements = GpuElements::new(gpu, (network, elements), rest, with)?;
+                let elements = GpuElements::new(gpu, (model, elements), rest, with)?;
                 GpuDiscretisation::Elements(Box::new(elements))
             }
         })

@@ -13,5 +13,5 @@ pub(super) mod shape;
 pub(crate) use mesh_filter::retain_tets;
 pub use model::GridModel;
 pub(crate) use model::isotropic_stiffness;
+pub use shape::GridShape;
 pub(crate) use shape::SPRING_KINDS;
-pub use shape::{GridShape, SPRING_OFFSETS};

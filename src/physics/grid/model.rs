@@ -1,6 +1,6 @@
 //! Masses and springs of a grid body, in float64 and SI units.
 
-use super::shape::{GridShape, SPRING_KINDS, SPRING_OFFSETS};
+use super::shape::{GridShape, SPRING_KINDS};
 use crate::mesh::{LocalFrame, TetMesh};
 use crate::mesher::Domain;
 use crate::physics::grid::reference::GridReference;
@@ -259,7 +259,7 @@ pub(crate) fn isotropic_stiffness(spacing: DVec3, young: f64) -> Result<[f64; SP
     let mu = young / 2.5;
     let s = spacing.to_array();
     let mut stiffness = [0.0; SPRING_KINDS];
-    for (k, step) in SPRING_OFFSETS.iter().enumerate() {
+    for (k, step) in GridShape::SPRING_OFFSETS.iter().enumerate() {
         let along: Vec<usize> = (0..3).filter(|a| step[*a] != 0).collect();
         stiffness[k] = match along.as_slice() {
             [a] => {

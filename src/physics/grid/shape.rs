@@ -14,19 +14,6 @@ const MAX_PARTICLES: usize = 1 << 27;
 /// directions.
 pub(crate) const SPRING_KINDS: usize = 9;
 
-/// Offset to the neighbour along a spring of each kind, in grid steps.
-pub const SPRING_OFFSETS: [[i64; 3]; SPRING_KINDS] = [
-    [1, 0, 0],
-    [0, 1, 0],
-    [0, 0, 1],
-    [1, 1, 0],
-    [1, -1, 0],
-    [1, 0, 1],
-    [1, 0, -1],
-    [0, 1, 1],
-    [0, 1, -1],
-];
-
 /// Minimum length of the sum of the unit vectors along a particle's springs for which its normal is
 /// defined. A flat surface gives 3.8.
 pub const MIN_NORMAL_SUM: f64 = 0.5;
@@ -63,6 +50,19 @@ pub struct GridShape {
 }
 
 impl GridShape {
+    /// Offset to the neighbour along a spring of each kind, in grid steps.
+    pub const SPRING_OFFSETS: [[i64; 3]; SPRING_KINDS] = [
+        [1, 0, 0],
+        [0, 1, 0],
+        [0, 0, 1],
+        [1, 1, 0],
+        [1, -1, 0],
+        [1, 0, 1],
+        [1, 0, -1],
+        [0, 1, 1],
+        [0, 1, -1],
+    ];
+
     /// Carves `domain`: creates particles on a grid with the given `axes` and `spacing` wherever
     /// the domain has a region.
     ///
@@ -185,12 +185,13 @@ impl GridShape {
     /// Offset from a particle's number to its neighbour's, for each kind of spring.
     pub fn offsets(&self) -> [i64; SPRING_KINDS] {
         let [nx, ny, _] = self.size.map(|n| n as i64);
-        SPRING_OFFSETS.map(|[x, y, z]| x + nx * (y + ny * z))
+        GridShape::SPRING_OFFSETS.map(|[x, y, z]| x + nx * (y + ny * z))
     }
 
     /// The rest length of the springs of each kind, in file units.
     pub fn rest_lengths(&self) -> [f64; SPRING_KINDS] {
-        SPRING_OFFSETS.map(|s| (self.spacing * DVec3::from(s.map(|n| n as f64))).length())
+        GridShape::SPRING_OFFSETS
+            .map(|s| (self.spacing * DVec3::from(s.map(|n| n as f64))).length())
     }
 
     /// The springs of every particle: bit 2 k is the forward spring of kind k, bit 2 k + 1 the
@@ -212,7 +213,7 @@ impl GridShape {
     /// body is one particle thick.
     pub fn rest_normal(&self, springs: u32) -> Option<DVec3> {
         let mut sum = DVec3::ZERO;
-        for (k, step) in SPRING_OFFSETS.iter().enumerate() {
+        for (k, step) in GridShape::SPRING_OFFSETS.iter().enumerate() {
             let along = self.spacing * DVec3::from(step.map(|n| n as f64));
             let along = self.axes * along.normalize();
             sum -= f64::from(springs >> (2 * k) & 1) * along;
@@ -244,18 +245,18 @@ impl GridShape {
             .flat_map(|c| (0..SPRING_KINDS).map(move |k| (c, k)))
             .filter(|(c, k)| {
                 let at = [c & 1, c >> 1 & 1, c >> 2].map(|n| n as i64);
-                (0..3).all(|a| (0..=1).contains(&(at[a] + SPRING_OFFSETS[*k][a])))
+                (0..3).all(|a| (0..=1).contains(&(at[a] + GridShape::SPRING_OFFSETS[*k][a])))
             })
             .collect();
         let frame = self.frame();
         let (mut tets, mut labels) = (Vec::new(), Vec::new());
         let last = self.regions.len().saturating_sub(corner(7));
         for i in 0..last {
-            let whole = (0..8).all(|c| self.regions[i + corner(c)] != 0)
+            let is_complete = (0..8).all(|c| self.regions[i + corner(c)] != 0)
                 && inner
                     .iter()
                     .all(|(c, k)| springs[i + corner(*c)] >> (2 * k) & 1 == 1);
-            if !whole {
+            if !is_complete {
                 continue;
             }
             for tet in TETS {

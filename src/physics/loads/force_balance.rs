@@ -122,23 +122,23 @@ impl ForceSums {
     }
 }
 
-/// Returns the balance of the model `network` under `loads` and `terms` with the nodes at
+/// Returns the balance of the model `model` under `loads` and `terms` with the nodes at
 /// `positions` (file units), which are rounded to `resolution` (m); `None` if a rigid region may
 /// still turn about its constraints.
 pub(in crate::physics) fn balance_of_model(
-    network: &DiscreteModel,
+    model: &DiscreteModel,
     loads: &Loads,
     terms: &[Arc<dyn NodeTerm>],
     positions: &[DVec3],
     resolution: f64,
 ) -> Option<ForceBalance> {
-    let x: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
-    let internal = network.static_forces(&x, terms);
-    let external = loads.static_forces(&network.masses, positions);
-    let stiffness = network.nodal_stiffness();
+    let x: Vec<DVec3> = positions.iter().map(|p| model.to_metres(*p)).collect();
+    let internal = model.static_forces(&x, terms);
+    let external = loads.static_forces(&model.masses, positions);
+    let stiffness = model.nodal_stiffness();
     let constrained = loads.fixed_nodes();
-    let extent = network.frame.scale * network.length_unit;
-    let rigid = network.rigid_bodies();
+    let extent = model.frame.scale * model.length_unit;
+    let rigid = model.rigid_bodies();
     let mut is_rigid = vec![false; x.len()];
     let mut sums = ForceSums::default();
     for region in rigid {
@@ -162,7 +162,7 @@ pub(in crate::physics) fn balance_of_model(
         }
     }
     for v in (0..x.len()).filter(|v| !is_rigid[*v]) {
-        let free = !constrained[v] && network.masses[v] > 0.0;
+        let free = !constrained[v] && model.masses[v] > 0.0;
         sums.add(internal[v], external[v], free, resolution * stiffness[v]);
         sums.add_negligible(stiffness[v], extent);
     }

@@ -304,8 +304,8 @@ impl Loads {
     /// Returns gravity, forces and the springs of grabs on the nodes of these masses (kg) at
     /// `positions` (file units), N; without pressures.
     pub(super) fn static_forces(&self, masses: &[f64], positions: &[DVec3]) -> Vec<DVec3> {
-        let own = self.forces.iter().zip(masses);
-        let mut forces: Vec<DVec3> = own.map(|(f, m)| *f + *m * self.gravity).collect();
+        let given = self.forces.iter().zip(masses);
+        let mut forces: Vec<DVec3> = given.map(|(f, m)| *f + *m * self.gravity).collect();
         for held in self.grabs.iter().flat_map(|grab| grab.held()) {
             if let GrabMode::Spring { stiffness, limit } = held.grip {
                 let v = held.node as usize;
@@ -335,9 +335,13 @@ impl Loads {
             }
             shared = true;
             let nodes = || doubles.iter().map(|d| d[0] as usize).chain([old]);
-            let whole: f64 = nodes().map(|v| masses[v]).sum();
+            let total_mass: f64 = nodes().map(|v| masses[v]).sum();
             for v in nodes() {
-                let share = if whole > 0.0 { masses[v] / whole } else { 0.0 };
+                let share = if total_mass > 0.0 {
+                    masses[v] / total_mass
+                } else {
+                    0.0
+                };
                 self.forces[v] = share * force;
             }
         }

@@ -35,8 +35,8 @@ pub enum ScaledLoad {
 }
 
 impl ScaledLoad {
-    /// Validates the load for the body of `mesh` and `network`.
-    pub(in crate::physics) fn check(&self, mesh: &TetMesh, network: &DiscreteModel) -> Result<()> {
+    /// Validates the load for the body of `mesh` and `model`.
+    pub(in crate::physics) fn check(&self, mesh: &TetMesh, model: &DiscreteModel) -> Result<()> {
         let tets = mesh.tets.len() as u32;
         match self {
             ScaledLoad::Pressure(faces) => {
@@ -49,7 +49,7 @@ impl ScaledLoad {
                 }
             }
             ScaledLoad::Muscle(Muscle { fibres, tension }) => {
-                if network.elements().is_none() {
+                if model.elements().is_none() {
                     return Err(Error::Input(
                         "a muscle requires finite elements, but the body is made of springs; use --material neo-hookean (or corotated)".into(),
                     ));

@@ -21,34 +21,34 @@ pub struct Energy {
 impl Energy {
     /// Energies at a state given in file units.
     pub(crate) fn from_state(
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         terms: &[Arc<dyn NodeTerm>],
         positions: &[DVec3],
         velocities: &[DVec3],
     ) -> Energy {
-        let unit = network.length_unit;
+        let unit = model.length_unit;
         let of_spring = |s: &Edge| {
             let [a, b] = s.nodes.map(|v| positions[v as usize]);
             0.5 * s.stiffness * (a.distance(b) * unit - s.length).powi(2)
         };
-        let matter: f64 = match &network.discretisation {
+        let matter: f64 = match &model.discretisation {
             Discretisation::Springs(_) => {
-                parallel::sum(network.edges.len(), |e| of_spring(&network.edges[e]))
+                parallel::sum(model.edges.len(), |e| of_spring(&model.edges[e]))
             }
             Discretisation::Elements(elements) => {
-                let x: Vec<DVec3> = positions.iter().map(|p| network.to_metres(*p)).collect();
+                let x: Vec<DVec3> = positions.iter().map(|p| model.to_metres(*p)).collect();
                 elements.energy(&x)
             }
         };
         let of_nodes = terms.iter().map(|term| -> f64 {
-            let nodes = network.masses.iter().zip(positions);
+            let nodes = model.masses.iter().zip(positions);
             nodes
-                .map(|(m, x)| term.energy(*m, network.to_metres(*x)))
+                .map(|(m, x)| term.energy(*m, model.to_metres(*x)))
                 .sum()
         });
         let elastic = matter + of_nodes.sum::<f64>();
         let kinetic = parallel::sum(velocities.len(), |v| {
-            0.5 * network.masses[v] * (velocities[v] * unit).length_squared()
+            0.5 * model.masses[v] * (velocities[v] * unit).length_squared()
         });
         Energy {
             kinetic,

@@ -44,7 +44,7 @@ pub struct QuadraticShape {
 }
 
 /// Hessian of a ten-node tet's energy: the block of nodes a and b is at `[a][b]`.
-pub type QuadraticHessian = [[DMat3; QUADRATIC_NODES]; QUADRATIC_NODES];
+pub(crate) type QuadraticHessian = [[DMat3; QUADRATIC_NODES]; QUADRATIC_NODES];
 
 /// Returns the barycentric coordinates of quadrature point `point`.
 pub(crate) fn quadrature_point(point: usize) -> [f64; 4] {

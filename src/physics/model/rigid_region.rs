@@ -62,12 +62,12 @@ pub(in crate::physics) struct MassProperties {
 }
 
 impl MassProperties {
-    /// Computes the properties of a body of `network`.
+    /// Computes the properties of a body of `model`.
     ///
     /// # Errors
     /// [`Error::Input`] if the body is massless or flat.
     pub fn of(
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         body: &RigidBody,
         units: &LocalUnits,
     ) -> Result<MassProperties> {
@@ -75,8 +75,8 @@ impl MassProperties {
             body.nodes.iter().map(|v| {
                 let v = *v as usize;
                 (
-                    network.masses[v] / units.mass,
-                    network.rest_positions[v] / units.length,
+                    model.masses[v] / units.mass,
+                    model.rest_positions[v] / units.length,
                 )
             })
         };

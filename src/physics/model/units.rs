@@ -16,19 +16,19 @@ pub struct LocalUnits {
 }
 
 impl LocalUnits {
-    /// The units derived from `network`.
-    pub fn from_model(network: &DiscreteModel) -> LocalUnits {
-        let mass = mean(network.masses.iter().copied());
+    /// The units derived from `model`.
+    pub fn from_model(model: &DiscreteModel) -> LocalUnits {
+        let mass = mean(model.masses.iter().copied());
         // Young's modulus lies between 2 μ and 3 μ; the edge of a regular tet is 2.04 ∛V.
         let of_element = |e: &Element| 5.0 * e.lame_parameters[0] * e.volume.cbrt();
-        let stiffness = mean(network.edges.iter().map(|e| e.stiffness))
-            .or_else(|| mean(network.tets().iter().map(of_element)));
+        let stiffness = mean(model.edges.iter().map(|e| e.stiffness))
+            .or_else(|| mean(model.tets().iter().map(of_element)));
         let time = match (mass, stiffness) {
             (Some(m), Some(k)) => (m / k).sqrt(),
             _ => 1.0,
         };
         LocalUnits {
-            length: network.frame.scale * network.length_unit,
+            length: model.frame.scale * model.length_unit,
             mass: mass.unwrap_or(1.0),
             time: if time.is_normal() { time } else { 1.0 },
         }

@@ -221,10 +221,10 @@ impl RapierBody {
         }
     }
 
-    /// Returns the force on every node, N, from the tets of `network` (the model of this body),
+    /// Returns the force on every node, N, from the tets of `model` (the model of this body),
     /// damping and loads; NaN for nodes of rigid regions.
-    pub fn forces(&self, network: &DiscreteModel) -> Vec<DVec3> {
-        let mut forces = internal_forces(network, &self.positions(), &self.velocities());
+    pub fn forces(&self, model: &DiscreteModel) -> Vec<DVec3> {
+        let mut forces = internal_forces(model, &self.positions(), &self.velocities());
         let loads = self.masses.iter().zip(&self.forces);
         for (f, (m, load)) in forces.iter_mut().zip(loads) {
             *f += *m * self.gravity + *load;
@@ -238,14 +238,14 @@ impl RapierBody {
 
     /// Returns the balance of the static forces; `None` with tools or rigid regions, whose contact
     /// forces are unknown.
-    pub fn force_balance(&self, network: &DiscreteModel) -> Option<ForceBalance> {
+    pub fn force_balance(&self, model: &DiscreteModel) -> Option<ForceBalance> {
         if !self.tools.is_empty() || !self.matter.bones.is_empty() {
             return None;
         }
         let x = self.positions();
-        let internal = internal_forces(network, &x, &vec![DVec3::ZERO; x.len()]);
-        let resolution = 0.5 * f64::from(f32::EPSILON) * network.frame.scale * network.length_unit;
-        let (stiffness, held) = (network.nodal_stiffness(), self.held());
+        let internal = internal_forces(model, &x, &vec![DVec3::ZERO; x.len()]);
+        let resolution = 0.5 * f64::from(f32::EPSILON) * model.frame.scale * model.length_unit;
+        let (stiffness, held) = (model.nodal_stiffness(), self.held());
         let mut sums = ForceSums::default();
         for (v, own) in internal.into_iter().enumerate() {
             let load = self.masses[v] * self.gravity + self.forces[v];
@@ -258,11 +258,11 @@ impl RapierBody {
     /// step, summed over the nodes of `boundary` near the tool.
     pub fn tool_forces(
         &self,
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         boundary: impl IntoIterator<Item = u32>,
     ) -> Vec<Reaction> {
         let (x, v) = (self.positions(), self.velocities());
-        let (forces, held) = (self.forces(network), self.held());
+        let (forces, held) = (self.forces(model), self.held());
         let mut reactions = vec![Reaction::default(); self.tools.len()];
         let nodes = boundary.into_iter().map(|i| i as usize);
         let free = nodes.filter(|i| !held[*i] && self.matter.owners[*i].is_none());

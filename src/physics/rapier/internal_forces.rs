@@ -9,15 +9,15 @@ use glam::{DMat3, DVec3};
 /// which damping forces are computed.
 const FINITE_DIFFERENCE_STEP: f64 = 1e-6;
 
-/// Returns the forces of the tets of `network` and of their damping on all nodes at `x` (m) with
+/// Returns the forces of the tets of `model` and of their damping on all nodes at `x` (m) with
 /// velocities `v` (m/s), N.
-pub(super) fn internal_forces(network: &DiscreteModel, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
+pub(super) fn internal_forces(model: &DiscreteModel, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
     let mut forces = vec![DVec3::ZERO; x.len()];
-    let Some(elements) = network.elements() else {
+    let Some(elements) = model.elements() else {
         return forces;
     };
     let law = elements.law;
-    let damping_times = damping_times(network, elements);
+    let damping_times = damping_times(model, elements);
     for (tet, damping) in elements.tets.iter().zip(damping_times) {
         let at = tet.node_positions(x);
         let mut pull = corner_forces(tet, law, &at);
@@ -34,7 +34,7 @@ pub(super) fn internal_forces(network: &DiscreteModel, x: &[DVec3], v: &[DVec3])
             forces[*node as usize] += f;
         }
     }
-    for ((f, m), v) in forces.iter_mut().zip(&network.masses).zip(v) {
+    for ((f, m), v) in forces.iter_mut().zip(&model.masses).zip(v) {
         *f -= elements.mass_damping * *m * *v;
     }
     forces

@@ -51,27 +51,24 @@ pub(super) struct RigidRegion {
 }
 
 impl RigidRegion {
-    /// The rigid region of `body` of `network`, whose boundary is `boundary`; `soft` marks nodes
+    /// The rigid region of `body` of `model`, whose boundary is `boundary`; `soft` marks nodes
     /// that are particles too.
     ///
     /// # Errors
     /// [`Error::Input`] if the region is flat or massless.
     pub fn new(
-        network: &DiscreteModel,
+        model: &DiscreteModel,
         body: &RigidBody,
         boundary: &[[u32; 3]],
         soft: &[bool],
         scale: Scale,
     ) -> Result<RigidRegion> {
-        let units = LocalUnits::from_model(network);
-        let moments = RegionMass::of(network, body, &units)?;
+        let units = LocalUnits::from_model(model);
+        let moments = RegionMass::of(model, body, &units)?;
         let centre = moments.centre * units.length;
-        let masses = body.nodes.iter().map(|v| network.masses[*v as usize]);
+        let masses = body.nodes.iter().map(|v| model.masses[*v as usize]);
         let masses: Vec<f64> = masses.collect();
-        let rest = body
-            .nodes
-            .iter()
-            .map(|v| network.rest_positions[*v as usize]);
+        let rest = body.nodes.iter().map(|v| model.rest_positions[*v as usize]);
         let arms: Vec<DVec3> = rest.map(|x| x - centre).collect();
         let own = |v: u32| body.nodes.binary_search(&v).ok().map(|k| k as u32);
         let faces = boundary.iter().filter_map(|f| {
@@ -172,8 +169,8 @@ fn inertia(masses: Vec<f64>, arms: &[DVec3], scale: Scale) -> MassProperties {
     let mut second = DMat3::ZERO;
     for (m, r) in each() {
         let r = *r - middle;
-        let whole = DMat3::from_diagonal(DVec3::splat(r.length_squared()));
-        second += (whole - DMat3::from_cols(r * r.x, r * r.y, r * r.z)) * *m;
+        let square = DMat3::from_diagonal(DVec3::splat(r.length_squared()));
+        second += (square - DMat3::from_cols(r * r.x, r * r.y, r * r.z)) * *m;
     }
     let unit = scale.mass * scale.length * scale.length;
     let column = |c: DVec3| {
@@ -276,8 +273,8 @@ impl RigidRegionBody {
             let (r, v) = (turn * *r, v[*i as usize]);
             mean += *m * v / mass;
             spin += *m * r.cross(v);
-            let whole = DMat3::from_diagonal(DVec3::splat(r.length_squared()));
-            inertia += (whole - DMat3::from_cols(r * r.x, r * r.y, r * r.z)) * *m;
+            let square = DMat3::from_diagonal(DVec3::splat(r.length_squared()));
+            inertia += (square - DMat3::from_cols(r * r.x, r * r.y, r * r.z)) * *m;
         }
         let spin = inertia.inverse() * spin;
         let body = &mut physics.bodies[self.handle];

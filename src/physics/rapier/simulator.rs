@@ -23,13 +23,13 @@ pub type RapierTets = ThreadedSimulator<RapierModel>;
 
 /// The model of a [`RapierTets`].
 pub struct RapierModel {
-    network: DiscreteModel,
+    model: DiscreteModel,
     tools: Vec<Tool>,
     self_contact: Option<SelfContactSettings>,
 }
 
 impl RapierTets {
-    /// A body of `mesh` with the masses and elements of `network`, at rest; `settings` gives the
+    /// A body of `mesh` with the masses and elements of `model`, at rest; `settings` gives the
     /// tolerance of the linear solves. `gpu` draws it.
     ///
     /// # Errors
@@ -37,22 +37,22 @@ impl RapierTets {
     /// [`Error::Gpu`] if the nodes do not fit the device.
     pub fn new(
         gpu: &Gpu,
-        (mesh, network): (TetMesh, DiscreteModel),
+        (mesh, model): (TetMesh, DiscreteModel),
         (kind, settings): (SolverKind, CgSettings),
     ) -> Result<RapierTets> {
         check_kind(kind)?;
-        if network.rest_positions.len() != mesh.nodes.len() {
+        if model.rest_positions.len() != mesh.nodes.len() {
             return Err(Error::Input(format!(
                 "the model has {} nodes, but the mesh has {}",
-                network.rest_positions.len(),
+                model.rest_positions.len(),
                 mesh.nodes.len()
             )));
         }
         let faces = Topology::new(&mesh).boundary_triangles(&mesh);
-        let (matter, unit) = (SoftBodyModel::new(&network, &faces)?, network.length_unit);
-        let body = RapierBody::new(matter, network.masses.clone(), settings, unit)?;
+        let (matter, unit) = (SoftBodyModel::new(&model, &faces)?, model.length_unit);
+        let body = RapierBody::new(matter, model.masses.clone(), settings, unit)?;
         let model = RapierModel {
-            network,
+            model,
             tools: Vec::new(),
             self_contact: None,
         };
@@ -84,23 +84,23 @@ impl BodyModel for RapierModel {
     }
 
     fn frame(&self) -> LocalFrame {
-        self.network.frame
+        self.model.frame
     }
 
     fn length_unit(&self) -> f64 {
-        self.network.length_unit
+        self.model.length_unit
     }
 
     fn masses(&self) -> &[f64] {
-        &self.network.masses
+        &self.model.masses
     }
 
     fn discrete_model(&self) -> Option<&DiscreteModel> {
-        Some(&self.network)
+        Some(&self.model)
     }
 
     fn energy(&self, positions: &[DVec3], velocities: &[DVec3]) -> Energy {
-        Energy::from_state(&self.network, &[], positions, velocities)
+        Energy::from_state(&self.model, &[], positions, velocities)
     }
 
     fn largest_stable_step(&self, _: &Loads) -> Option<f64> {
@@ -147,8 +147,8 @@ impl BodyModel for RapierModel {
     }
 
     fn force_balance(simulator: &RapierTets) -> Result<Option<ForceBalance>> {
-        let network = &simulator.model.network;
-        Ok(simulator.worker.body().force_balance(network))
+        let model = &simulator.model.model;
+        Ok(simulator.worker.body().force_balance(model))
     }
 
     fn contact(simulator: &mut RapierTets) -> Option<&mut dyn Contact> {
@@ -167,7 +167,7 @@ impl BodyModel for RapierModel {
 impl Contact for RapierTets {
     fn add_tool(&mut self, tool: Tool) -> Result<ToolId> {
         tool.check()?;
-        let place = self.model.network.to_metres(tool.pose.position());
+        let place = self.model.model.to_metres(tool.pose.position());
         let place = ToolPose::new(place, tool.pose.rotation());
         self.worker.body().add_tool(&tool, place)?;
         let id = self.loads.add_tool(tool.pose);
@@ -183,14 +183,14 @@ impl Contact for RapierTets {
     fn tool_forces(&mut self) -> Result<Vec<Reaction>> {
         self.finish()?;
         let nodes: BTreeSet<u32> = self.boundary().into_iter().flatten().collect();
-        Ok(self.worker.body().tool_forces(&self.model.network, nodes))
+        Ok(self.worker.body().tool_forces(&self.model.model, nodes))
     }
 
     fn set_self_contact(&mut self, wanted: SelfContactSettings) -> Result<usize> {
         wanted.check()?;
         let mut body = self.worker.body();
         let through =
-            count_intersecting_faces(&self.model.network, &self.boundary(), &body.positions())?;
+            count_intersecting_faces(&self.model.model, &self.boundary(), &body.positions())?;
         body.set_self_contact(wanted)?;
         drop(body);
         self.model.self_contact = Some(wanted);
@@ -207,7 +207,7 @@ impl Reactions for RapierTets {
     fn nodal_forces(&mut self) -> Result<Vec<DVec3>> {
         self.sync_loads()?;
         self.finish()?;
-        Ok(self.worker.body().forces(&self.model.network))
+        Ok(self.worker.body().forces(&self.model.model))
     }
 
     fn region_force(&mut self, label: i64) -> Result<Option<Reaction>> {
@@ -219,7 +219,7 @@ impl Reactions for RapierTets {
 impl Joints for RapierTets {
     fn add_joint(&mut self, joint: Joint) -> Result<()> {
         joint.check()?;
-        let at = self.model.network.to_metres(joint.anchor);
+        let at = self.model.model.to_metres(joint.anchor);
         self.worker.body().add_joint(&joint, at)?;
         self.changes += 1;
         Ok(())

@@ -41,14 +41,14 @@ pub(super) struct SoftBodyModel {
 }
 
 impl SoftBodyModel {
-    /// Converts `network`, whose boundary has these faces.
+    /// Converts `model`, whose boundary has these faces.
     ///
     /// # Errors
     /// [`Error::Input`] if rapier does not support the model: springs, no soft tets, averaged
     /// volume, several Poisson's ratios, or more than a few hundred stiffnesses.
-    pub fn new(network: &DiscreteModel, boundary: &[[u32; 3]]) -> Result<SoftBodyModel> {
+    pub fn new(model: &DiscreteModel, boundary: &[[u32; 3]]) -> Result<SoftBodyModel> {
         let refused = |what: &str| Err(Error::Input(format!("rapier {what}")));
-        let Some(elements) = network.elements() else {
+        let Some(elements) = model.elements() else {
             return refused(
                 "supports finite elements only, but the body is made of springs; use --material neo-hookean (or corotated), or --engine cpu",
             );
@@ -74,15 +74,15 @@ impl SoftBodyModel {
                 "supports one Poisson's ratio per body, but this one has {poisson:.4} and {other:.4}; give all regions the same, or use --engine cpu"
             ));
         }
-        let scale = Scale::from_model(network);
-        let count = network.rest_positions.len();
+        let scale = Scale::from_model(model);
+        let count = model.rest_positions.len();
         let mut soft = vec![elements.rigid.is_empty(); count];
         for v in elements.tets.iter().flat_map(|t| &t.nodes) {
             soft[*v as usize] = true;
         }
         let owners = node_owners(&elements.rigid, count)?;
         let bones = elements.rigid.iter();
-        let bones = bones.map(|body| RigidRegion::new(network, body, boundary, &soft, scale));
+        let bones = bones.map(|body| RigidRegion::new(model, body, boundary, &soft, scale));
         let bones = bones.collect::<Result<Vec<RigidRegion>>>()?;
         let is_particle = |v: &u32| soft[*v as usize] || owners[*v as usize].is_none();
         let nodes: Vec<u32> = (0..count as u32).filter(is_particle).collect();
@@ -92,9 +92,9 @@ impl SoftBodyModel {
         }
         let mass = |v: &u32| {
             let share = owners[*v as usize].map_or(1.0, |_| RigidRegion::PARTICLE);
-            (share * network.masses[*v as usize] / scale.mass) as f32
+            (share * model.masses[*v as usize] / scale.mass) as f32
         };
-        let rest = nodes.iter().map(|v| network.rest_positions[*v as usize]);
+        let rest = nodes.iter().map(|v| model.rest_positions[*v as usize]);
         let cell = |t: &Element| t.nodes.map(|v| particles[v as usize].unwrap_or_default());
         Ok(SoftBodyModel {
             rest: rest.map(|x| scale.vector(x)).collect(),
@@ -107,7 +107,7 @@ impl SoftBodyModel {
             material: SoftBodyMaterial {
                 young_modulus: scale.stress(young),
                 poisson_ratio: poisson as f32,
-                elastic_damping_ratio: damping_ratio(network, elements) as f32,
+                elastic_damping_ratio: damping_ratio(model, elements) as f32,
                 ..SoftBodyMaterial::default()
             },
             groups: groups(&elements.tets, law, young)?,
@@ -150,10 +150,10 @@ fn groups(tets: &[Element], law: ConstitutiveModel, young: f64) -> Result<Vec<(V
     }
 }
 
-/// Returns the damping ratio that gives the tets of `elements` the damping time of `network` in the
+/// Returns the damping ratio that gives the tets of `elements` the damping time of `model` in the
 /// volume average: rapier has one ratio for all tets.
-fn damping_ratio(network: &DiscreteModel, elements: &Elements) -> f64 {
-    let time = |t: &Element| damping_time_per_ratio(t, elements.law, &network.masses);
+fn damping_ratio(model: &DiscreteModel, elements: &Elements) -> f64 {
+    let time = |t: &Element| damping_time_per_ratio(t, elements.law, &model.masses);
     let tets = elements.tets.iter().map(|t| (t.volume, time(t)));
     let (times, volume) = tets
         .filter(|(_, time)| *time > 0.0)
@@ -161,19 +161,19 @@ fn damping_ratio(network: &DiscreteModel, elements: &Elements) -> f64 {
             (times + volume * time, all + volume)
         });
     match times > 0.0 {
-        true => network.damping_time * volume / times,
+        true => model.damping_time * volume / times,
         false => 0.0,
     }
 }
 
-/// The damping time of every tet of `elements`, those of `network`, s.
+/// The damping time of every tet of `elements`, those of `model`, s.
 pub(super) fn damping_times(
-    network: &DiscreteModel,
+    model: &DiscreteModel,
     elements: &Elements,
 ) -> impl Iterator<Item = f64> {
-    let ratio = damping_ratio(network, elements);
+    let ratio = damping_ratio(model, elements);
     let tets = elements.tets.iter();
-    tets.map(move |t| ratio * damping_time_per_ratio(t, elements.law, &network.masses))
+    tets.map(move |t| ratio * damping_time_per_ratio(t, elements.law, &model.masses))
 }
 
 /// Returns the damping time of a tet with damping ratio 1 and these nodal masses (kg), s: two over

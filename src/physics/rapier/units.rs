@@ -18,13 +18,13 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// Units derived from the mean edge length and the mean nodal mass of `network`.
-    pub fn from_model(network: &DiscreteModel) -> Scale {
-        let edges = network.edges.iter().map(|e| e.length);
-        let extent = network.frame.scale * network.length_unit;
+    /// Units derived from the mean edge length and the mean nodal mass of `model`.
+    pub fn from_model(model: &DiscreteModel) -> Scale {
+        let edges = model.edges.iter().map(|e| e.length);
+        let extent = model.frame.scale * model.length_unit;
         Scale {
             length: mean(edges).unwrap_or(0.1 * extent),
-            mass: mean(network.masses.iter().copied()).unwrap_or(1.0),
+            mass: mean(model.masses.iter().copied()).unwrap_or(1.0),
         }
     }
 

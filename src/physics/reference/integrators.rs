@@ -166,7 +166,7 @@ fn advance_implicit(p: &mut ReferenceSprings, h: f64, change: &[DVec3]) {
 }
 
 fn accelerations(p: &ReferenceSprings) -> Vec<DVec3> {
-    let masses = &p.network.masses;
+    let masses = &p.model.masses;
     p.forces()
         .iter()
         .enumerate()

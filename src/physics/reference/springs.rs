@@ -1,17 +1,17 @@
 //! Spring forces, energies and Jacobians in float64: the reference of `shaders/physics`.
 //!
-//! All quantities are in SI units, positions in metres from the network's origin.
+//! All quantities are in SI units, positions in metres from the origin of the model.
 
 use crate::physics::{Damping, DiscreteModel, Edge, NodeTerm};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// A spring network with its state, external forces and pins.
+/// A model of springs with its state, external forces and pins.
 #[derive(Clone, Debug)]
 pub struct ReferenceSprings {
     /// The model, made of springs.
-    pub network: DiscreteModel,
+    pub model: DiscreteModel,
     /// Positions, m.
     pub x: Vec<DVec3>,
     /// Velocities, m/s.
@@ -29,31 +29,31 @@ pub struct ReferenceSprings {
 }
 
 impl ReferenceSprings {
-    /// The network at rest.
-    pub fn new(network: DiscreteModel) -> ReferenceSprings {
-        let nodes = network.rest_positions.len();
+    /// The model at rest.
+    pub fn new(model: DiscreteModel) -> ReferenceSprings {
+        let nodes = model.rest_positions.len();
         let mut rows = vec![Vec::new(); nodes];
-        for (s, spring) in network.edges.iter().enumerate() {
+        for (s, spring) in model.edges.iter().enumerate() {
             for v in spring.nodes {
                 rows[v as usize].push(s as u32);
             }
         }
         ReferenceSprings {
-            x: network.rest_positions.clone(),
+            x: model.rest_positions.clone(),
             v: vec![DVec3::ZERO; nodes],
             external: vec![DVec3::ZERO; nodes],
             gravity: DVec3::ZERO,
             // A massless node has no equation of motion, so it is pinned.
-            pinned: network.masses.iter().map(|m| *m <= 0.0).collect(),
+            pinned: model.masses.iter().map(|m| *m <= 0.0).collect(),
             terms: Vec::new(),
-            network,
+            model,
             rows,
         }
     }
 
     /// The damped velocity component.
     fn damping_kind(&self) -> Damping {
-        let springs = self.network.springs();
+        let springs = self.model.springs();
         springs.copied().unwrap_or_default().damping_kind
     }
 
@@ -67,7 +67,7 @@ impl ReferenceSprings {
             .map(|(i, row)| {
                 row.iter()
                     .map(|s| {
-                        let spring = &self.network.edges[*s as usize];
+                        let spring = &self.model.edges[*s as usize];
                         let [a, b] = spring.nodes.map(|v| v as usize);
                         share(i, if a == i { b } else { a }, spring)
                     })
@@ -87,10 +87,10 @@ impl ReferenceSprings {
                 Damping::Axial => n * n.dot(w),
                 Damping::Relative => w,
             };
-            s.stiffness * (d.length() - s.length) * n + self.network.spring_damping(s) * braked
+            s.stiffness * (d.length() - s.length) * n + self.model.spring_damping(s) * braked
         });
         for (i, f) in f.iter_mut().enumerate() {
-            let m = self.network.masses[i];
+            let m = self.model.masses[i];
             *f += m * self.gravity + self.external[i];
             for term in &self.terms {
                 *f += term.force(m, self.x[i]);
@@ -115,9 +115,9 @@ impl ReferenceSprings {
             let [a, b] = s.nodes.map(|v| self.x[v as usize]);
             0.5 * s.stiffness * (a.distance(b) - s.length).powi(2)
         };
-        let springs = self.network.edges.par_iter().with_min_len(1024);
+        let springs = self.model.edges.par_iter().with_min_len(1024);
         let of_nodes = self.terms.iter().map(|term| -> f64 {
-            let nodes = self.network.masses.iter().zip(&self.x);
+            let nodes = self.model.masses.iter().zip(&self.x);
             nodes.map(|(m, x)| term.energy(*m, *x)).sum()
         });
         springs.map(energy).sum::<f64>() + of_nodes.sum::<f64>()
@@ -125,7 +125,7 @@ impl ReferenceSprings {
 
     /// Returns the kinetic energy Σ ½mv², J.
     pub fn kinetic_energy(&self) -> f64 {
-        let masses = self.network.masses.par_iter().with_min_len(1024);
+        let masses = self.model.masses.par_iter().with_min_len(1024);
         masses
             .zip(&self.v)
             .map(|(m, v)| 0.5 * m * v.length_squared())
@@ -157,7 +157,7 @@ impl ReferenceSprings {
             self.accumulate(|i, j, s| self.stiffness_block(i, j, s, clamped) * (p[j] - p[i]));
         for term in &self.terms {
             for (i, kp) in kp.iter_mut().enumerate() {
-                *kp -= term.hessian(self.network.masses[i], self.x[i]) * p[i];
+                *kp -= term.hessian(self.model.masses[i], self.x[i]) * p[i];
             }
         }
         kp
@@ -168,7 +168,7 @@ impl ReferenceSprings {
         self.accumulate(|i, j, s| {
             let w = p[j] - p[i];
             let n = (self.x[j] - self.x[i]).normalize_or_zero();
-            self.network.spring_damping(s)
+            self.model.spring_damping(s)
                 * match self.damping_kind() {
                     Damping::Axial => n * n.dot(w),
                     Damping::Relative => w,
@@ -185,7 +185,7 @@ impl ReferenceSprings {
                 if self.pinned[i] {
                     DVec3::ZERO
                 } else {
-                    self.network.masses[i] * p[i] - h * damping[i] - h * h * stiffness[i]
+                    self.model.masses[i] * p[i] - h * damping[i] - h * h * stiffness[i]
                 }
             })
             .collect()
@@ -194,7 +194,7 @@ impl ReferenceSprings {
     /// Sums `share(node, other node, spring)` into the blocks of both ends of every spring.
     fn blocks(&self, share: impl Fn(usize, usize, &Edge) -> DMat3) -> Vec<DMat3> {
         let mut blocks = vec![DMat3::ZERO; self.x.len()];
-        for s in &self.network.edges {
+        for s in &self.model.edges {
             let [i, j] = s.nodes.map(|v| v as usize);
             let block = share(i, j, s);
             blocks[i] += block;
@@ -207,14 +207,14 @@ impl ReferenceSprings {
     pub fn system_blocks(&self, h: f64) -> Vec<DMat3> {
         let mut blocks = self.blocks(|i, j, s| {
             let n = (self.x[j] - self.x[i]).normalize_or_zero();
-            let c = self.network.spring_damping(s)
+            let c = self.model.spring_damping(s)
                 * match self.damping_kind() {
                     Damping::Axial => DMat3::from_cols(n * n.x, n * n.y, n * n.z),
                     Damping::Relative => DMat3::IDENTITY,
                 };
             h * c + h * h * self.stiffness_block(i, j, s, true)
         });
-        let nodes = self.network.masses.iter().zip(&self.x);
+        let nodes = self.model.masses.iter().zip(&self.x);
         for (block, (m, x)) in blocks.iter_mut().zip(nodes) {
             *block += DMat3::IDENTITY * *m;
             for term in &self.terms {

@@ -15,8 +15,8 @@ const ADVISED_SPRING_STEP_RATIO: f64 = 0.95;
 const ELEMENT_STEP_RATIO: f64 = 0.2;
 
 /// Returns the ratio of a safe explicit step to the largest stable one at rest.
-pub(crate) fn safe_step_ratio(network: Option<&DiscreteModel>) -> f64 {
-    match network.and_then(DiscreteModel::elements) {
+pub(crate) fn safe_step_ratio(model: Option<&DiscreteModel>) -> f64 {
+    match model.and_then(DiscreteModel::elements) {
         Some(_) => ELEMENT_STEP_RATIO,
         None => SPRING_STEP_RATIO,
     }
@@ -26,16 +26,16 @@ pub(crate) fn safe_step_ratio(network: Option<&DiscreteModel>) -> f64 {
 pub(in crate::physics) fn time_step_advice(
     kind: SolverKind,
     dt: f64,
-    (network, terms): (&DiscreteModel, &[Arc<dyn NodeTerm>]),
+    (model, terms): (&DiscreteModel, &[Arc<dyn NodeTerm>]),
     pinned: &[bool],
 ) -> String {
-    let limit = largest_stable_step(network, pinned, kind);
-    let ratio = safe_step_ratio(Some(network));
-    let advised = match network.discretisation {
+    let limit = largest_stable_step(model, pinned, kind);
+    let ratio = safe_step_ratio(Some(model));
+    let advised = match model.discretisation {
         Discretisation::Springs(_) => ADVISED_SPRING_STEP_RATIO,
         Discretisation::Elements(_) => ratio,
     };
-    match limit.map(|limit| limit_with_terms(limit, network, terms)) {
+    match limit.map(|limit| limit_with_terms(limit, model, terms)) {
         None => format!(
             "use a --dt below {dt}, less stiffness or more damping, and check the units of the mesh"
         ),

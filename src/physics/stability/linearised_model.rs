@@ -126,15 +126,15 @@ impl<const N: usize> LinearElement<N> {
 }
 
 impl LinearisedModel {
-    /// Linearises `network` at rest, with the nodes marked in `pinned` fixed.
-    pub fn new(network: &DiscreteModel, pinned: &[bool]) -> LinearisedModel {
-        let mut body = vec![u32::MAX; network.rest_positions.len()];
-        for (b, rigid) in network.rigid_bodies().iter().enumerate() {
+    /// Linearises `model` at rest, with the nodes marked in `pinned` fixed.
+    pub fn new(model: &DiscreteModel, pinned: &[bool]) -> LinearisedModel {
+        let mut body = vec![u32::MAX; model.rest_positions.len()];
+        for (b, rigid) in model.rigid_bodies().iter().enumerate() {
             for v in &rigid.nodes {
                 body[*v as usize] = b as u32;
             }
         }
-        let is_link = |edge: &&Edge| match network.discretisation {
+        let is_link = |edge: &&Edge| match model.discretisation {
             Discretisation::Springs(_) => true,
             // The stiffness of their edges holds rigid regions together here; otherwise loads would
             // tear them apart.
@@ -143,20 +143,19 @@ impl LinearisedModel {
                 a == b && a != u32::MAX
             }
         };
-        let links = network.edges.iter().filter(is_link).map(|edge| {
+        let links = model.edges.iter().filter(is_link).map(|edge| {
             let [i, j] = edge.nodes.map(|v| v as usize);
             LinearSpring {
                 nodes: [i, j],
-                direction: (network.rest_positions[j] - network.rest_positions[i])
-                    .normalize_or_zero(),
+                direction: (model.rest_positions[j] - model.rest_positions[i]).normalize_or_zero(),
                 stiffness: edge.stiffness,
-                damping: network.spring_damping(edge),
+                damping: model.spring_damping(edge),
             }
         });
-        let springs = network.springs().copied().unwrap_or_default();
+        let springs = model.springs().copied().unwrap_or_default();
         let axial = springs.damping_kind == Damping::Axial;
-        let undamped = springs.damping == 0.0 && network.damping_time == 0.0;
-        let elements = network.elements();
+        let undamped = springs.damping == 0.0 && model.damping_time == 0.0;
+        let elements = model.elements();
         LinearisedModel {
             links: links.collect(),
             tets: elements
@@ -170,10 +169,10 @@ impl LinearisedModel {
                 }),
             quadratic: elements.map_or(Vec::new(), quadrature_points),
             volumes: elements.map_or(Vec::new(), |elements| {
-                elements.volume_gradients(&network.rest_positions)
+                elements.volume_gradients(&model.rest_positions)
             }),
-            damping_time: network.damping_time,
-            weights: network
+            damping_time: model.damping_time,
+            weights: model
                 .masses
                 .iter()
                 .zip(pinned)

@@ -51,7 +51,7 @@ pub enum PointResult {
     /// Slope of force over depth in the deeper half of the loading path, N/m.
     Stiffness(f64),
     /// A simulation step failed, or the force is not that of an elastic body in contact with the
-    /// fingertip ([`curve_warnings`](super::curve_warnings)).
+    /// fingertip.
     Failed,
 }
 

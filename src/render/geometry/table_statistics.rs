@@ -122,8 +122,8 @@ pub(super) fn scalar_histogram(
         let bin = (share(middle, range) * HISTOGRAM_BINS as f32) as usize;
         spread[bin.min(HISTOGRAM_BINS - 1)] += mesh.tet_volume(t).abs();
     }
-    let whole: f64 = spread.iter().sum();
-    let each = |part: &mut f64| *part /= whole.max(f64::MIN_POSITIVE);
+    let volume: f64 = spread.iter().sum();
+    let each = |part: &mut f64| *part /= volume.max(f64::MIN_POSITIVE);
     spread.iter_mut().for_each(each);
     spread.into()
 }

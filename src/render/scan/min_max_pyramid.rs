@@ -68,8 +68,8 @@ impl MinMaxPyramid {
         for k in z {
             for j in y.clone() {
                 for i in x.clone() {
-                    let own = ends[i + size[0] * (j + size[1] * k)];
-                    found = [found[0].min(own[0]), found[1].max(own[1])];
+                    let block_ends = ends[i + size[0] * (j + size[1] * k)];
+                    found = [found[0].min(block_ends[0]), found[1].max(block_ends[1])];
                 }
             }
         }

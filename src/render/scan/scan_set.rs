@@ -280,8 +280,8 @@ impl ScanData {
             spread[((share * HISTOGRAM_BINS as f64).max(0.0) as usize).min(HISTOGRAM_BINS - 1)] +=
                 1.0;
         }
-        let whole: f64 = spread.iter().sum();
-        spread.iter_mut().for_each(|part| *part /= whole.max(1.0));
+        let count: f64 = spread.iter().sum();
+        spread.iter_mut().for_each(|part| *part /= count.max(1.0));
         ScanData {
             texel_from_rest,
             size: texels.size,

@@ -155,8 +155,13 @@ pub(super) fn texture(
         let mut parts = Vec::new();
         let mut size = [1usize, 1, 0];
         for (scan, merged) in scans.iter().zip(&merged) {
-            let own: [usize; 3] = std::array::from_fn(|k| scan.volume.size[k].div_ceil(merged[k]));
-            size = [size[0].max(own[0]), size[1].max(own[1]), size[2] + own[2]];
+            let texels: [usize; 3] =
+                std::array::from_fn(|k| scan.volume.size[k].div_ceil(merged[k]));
+            size = [
+                size[0].max(texels[0]),
+                size[1].max(texels[1]),
+                size[2] + texels[2],
+            ];
         }
         let deep = size[2] > limit;
         let made = match !deep {

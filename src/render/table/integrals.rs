@@ -36,8 +36,8 @@ pub(super) fn is_sufficient(pieces: &[LinearPieces], wanted: &TableRequest) -> b
                 .map_or(0.0, |s| s.p)
         };
         let part = |(k, share): (usize, &f64)| share * (up_to(k + 1) - up_to(k));
-        let whole: f64 = row.spread.iter().enumerate().map(part).sum();
-        p.max_extinction * whole * parts as f64
+        let mean_extinction: f64 = row.spread.iter().enumerate().map(part).sum();
+        p.max_extinction * mean_extinction * parts as f64
     };
     let rows = pieces.iter().zip(wanted.rows);
     let mean = rows.map(mean).fold(0.0, f64::max);

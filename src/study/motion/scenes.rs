@@ -65,7 +65,7 @@ fn released(gpu: &Gpu, kappa: f64) -> Result<MotionTrial> {
         p.x < 1e-6
     })?;
     body.loads_mut().set_gravity(GRAVITY);
-    MotionTrial::of_network(gpu, "released", (kappa, "N/m"), DURATION, body, None)
+    MotionTrial::of_model(gpu, "released", (kappa, "N/m"), DURATION, body, None)
 }
 
 /// The paper's bar of finite elements, released for about one oscillation.
@@ -78,7 +78,7 @@ fn swinging(gpu: &Gpu) -> Result<MotionTrial> {
     let mut body = body(gpu, mesh, &material, |p| p.x < 1e-6)?;
     body.loads_mut().set_gravity(GRAVITY);
     let stiffness = (5e4, "Pa");
-    MotionTrial::of_network(gpu, "swinging", stiffness, 4.0 * DURATION, body, None)
+    MotionTrial::of_model(gpu, "swinging", stiffness, 4.0 * DURATION, body, None)
 }
 
 /// A bar clamped at one end, the other twisted by one radian and released; damped.
@@ -98,7 +98,7 @@ fn twisted(gpu: &Gpu) -> Result<MotionTrial> {
         *x = (middle + turn * (*p - middle) - frame.origin) * unit;
     }
     let stiffness = (5e4, "Pa");
-    MotionTrial::of_network(gpu, "twisted", stiffness, DURATION, body, Some(start))
+    MotionTrial::of_model(gpu, "twisted", stiffness, DURATION, body, Some(start))
 }
 
 /// The limb phantom, clamped at the elbow and pressed on the back of its hand; damped, its bones
@@ -127,7 +127,7 @@ fn pressed(gpu: &Gpu) -> Result<MotionTrial> {
     let hand = nodes_where(body.mesh(), |p| p.x > 0.18 && p.x < 0.24);
     let loads = body.loads_mut();
     loads.add_force(DVec3::new(0.0, 0.0, -2.0), &hand)?;
-    MotionTrial::of_network(gpu, "pressed", (5e4, "Pa"), 2.0 * DURATION, body, None)
+    MotionTrial::of_model(gpu, "pressed", (5e4, "Pa"), 2.0 * DURATION, body, None)
 }
 
 /// A block of grid particles, clamped at one end, the other pulled and bent; damped.
@@ -194,7 +194,7 @@ fn falling(gpu: &Gpu) -> Result<MotionTrial> {
         v: vec![thrown + t * GRAVITY; rest.len()],
     };
     let (stiffness, start) = ((kappa, "N/m"), Some(exact(0.0)));
-    let trial = MotionTrial::of_network(gpu, "falling", stiffness, DURATION, body, start)?;
+    let trial = MotionTrial::of_model(gpu, "falling", stiffness, DURATION, body, start)?;
     Ok(trial.with_exact_solution(Box::new(exact)))
 }
 
@@ -218,7 +218,7 @@ fn breathing(gpu: &Gpu) -> Result<MotionTrial> {
         }
     };
     let (stiffness, start) = ((kappa, "N/m"), Some(exact(0.0)));
-    let trial = MotionTrial::of_network(gpu, "spring", stiffness, 2.0 * DURATION, body, start)?;
+    let trial = MotionTrial::of_model(gpu, "spring", stiffness, 2.0 * DURATION, body, start)?;
     Ok(trial.with_exact_solution(Box::new(exact)))
 }
 
@@ -253,13 +253,13 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     let (motion, _) = Motion::new(gpu, &scene, kind, mesh, None)?;
     let duration = motion.dt * f64::from(scene.solver.steps.unwrap_or(50).max(1));
     let simulator = motion.simulator;
-    let Some(network) = simulator.model() else {
+    let Some(discrete_model) = simulator.model() else {
         return Err(refused("cages"));
     };
-    if !network.rigid_bodies().is_empty() {
+    if !discrete_model.rigid_bodies().is_empty() {
         return Err(refused("rigid regions (unsupported by explicit solvers)"));
     }
-    let springs = network.edges.len();
+    let springs = discrete_model.edges.len();
     let material = &scene.material;
     let stiffness = match material.stiffness {
         Some(kappa) => (kappa, "N/m"),
@@ -267,7 +267,7 @@ pub fn of_file(gpu: &Gpu, path: &Path) -> Result<MotionTrial> {
     };
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned());
     let name = stem.unwrap_or_else(|| "scene".into());
-    let trial = MotionTrial::of_network(gpu, &name, stiffness, duration, simulator, None)?;
+    let trial = MotionTrial::of_model(gpu, &name, stiffness, duration, simulator, None)?;
     // The reference takes at least three motions, the last with four times as many steps.
     let steps = 4.0 * 7.0 * f64::from(trial.fewest_stable(SolverKind::VelocityVerlet));
     if steps * (STEP + springs as f64) > REFERENCE_BUDGET {

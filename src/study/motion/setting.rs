@@ -33,16 +33,16 @@ impl MotionSetting {
     }
 }
 
-/// Returns the body of a mesh and its network in Rapier; none for a material that it does not
+/// Returns the body of a mesh and its model in Rapier; none for a material that it does not
 /// support, and in builds without Rapier.
 pub fn rapier_simulator(
     gpu: &Gpu,
-    (mesh, network): &(TetMesh, DiscreteModel),
+    (mesh, model): &(TetMesh, DiscreteModel),
     material: &Material,
 ) -> Option<Box<dyn Simulator>> {
     let choice = EngineChoice::Exactly(Engine::Rapier);
     let how = (SolverKind::Implicit, CgSettings::default());
-    let made = choice.build_tets_from_model(gpu, (mesh.clone(), network.clone()), material, how);
+    let made = choice.build_tets_from_model(gpu, (mesh.clone(), model.clone()), material, how);
     made.ok()
 }
 

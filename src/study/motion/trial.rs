@@ -91,7 +91,7 @@ impl MotionTrial {
     ///
     /// # Errors
     /// [`Error::Input`] for a body without springs; an error if the device fails.
-    pub fn of_network(
+    pub fn of_model(
         gpu: &Gpu,
         name: &str,
         stiffness: (f64, &'static str),
@@ -99,17 +99,17 @@ impl MotionTrial {
         simulator: Box<dyn Simulator>,
         start: Option<MotionState>,
     ) -> Result<MotionTrial> {
-        let Some(network) = simulator.model() else {
+        let Some(model) = simulator.model() else {
             return Err(Error::Input(format!(
                 "{name}: the motion study needs a body with springs or elements"
             )));
         };
         let (kind, settings) = ReferenceMotion::converged_scheme(simulator.integrator());
-        let own: (TetMesh, DiscreteModel) = (simulator.mesh().clone(), network.clone());
+        let own: (TetMesh, DiscreteModel) = (simulator.mesh().clone(), model.clone());
         // The material matters only when a body is cut.
         let material = Material::from_young(1.0);
         let mut rapier = rapier_simulator(gpu, &own, &material);
-        let mut double = CpuTets::of_network(
+        let mut double = CpuTets::of_model(
             gpu,
             (own.0, own.1),
             &material,
@@ -172,9 +172,9 @@ impl MotionTrial {
     /// Returns the solvers that support it.
     pub fn kinds(&self) -> Vec<SolverKind> {
         match self.simulator.model() {
-            Some(network) => {
+            Some(model) => {
                 let mut kinds = SolverKind::ALL.to_vec();
-                if network.elements().is_some() && self.engine() == Engine::Cpu {
+                if model.elements().is_some() && self.engine() == Engine::Cpu {
                     kinds.extend(SolverKind::ELEMENT_ONLY);
                 }
                 kinds
@@ -192,12 +192,12 @@ impl MotionTrial {
     /// stable; 1 if any step is stable.
     pub fn fewest_stable(&self, kind: SolverKind) -> u32 {
         let limit = match self.simulator.model() {
-            Some(network) => {
+            Some(model) => {
                 let pinned = self.simulator.loads().pinned();
-                match largest_stable_step(network, pinned, kind) {
+                match largest_stable_step(model, pinned, kind) {
                     // Never stable, but the instability shows late at steps that other solvers can
                     // take.
-                    Some(0.0) => largest_stable_step(network, pinned, SolverKind::Symplectic),
+                    Some(0.0) => largest_stable_step(model, pinned, SolverKind::Symplectic),
                     limit => limit,
                 }
             }

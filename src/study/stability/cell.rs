@@ -82,9 +82,9 @@ impl Trial {
         material: &Material,
         held: impl Fn(DVec3) -> bool,
     ) -> Result<Trial> {
-        let network = DiscreteModel::new(mesh, material)?;
+        let model = DiscreteModel::new(mesh, material)?;
         let pinned: Vec<bool> = mesh.nodes.iter().map(|p| held(*p)).collect();
-        let linear = LinearisedModel::new(&network, &pinned);
+        let linear = LinearisedModel::new(&model, &pinned);
         let undamped = 2.0 / linear.stiffest_mode().stiffness.sqrt();
         let limit = linear.largest_step(SolverKind::VelocityVerlet);
         let limit = limit.map_or(undamped, |l| l.step);
@@ -102,9 +102,9 @@ impl Trial {
             .collect();
         let settings = CgSettings::default();
         let kind = SolverKind::VelocityVerlet;
-        let mut body = CpuTets::of_network(
+        let mut body = CpuTets::of_model(
             gpu,
-            (mesh.clone(), network),
+            (mesh.clone(), model),
             material,
             (kind, settings),
             Precision::Double,
@@ -139,8 +139,8 @@ impl Trial {
 
     /// Releases the body and steps it by `h` seconds.
     pub fn run(&self, gpu: &Gpu, method: Method, h: f64) -> Result<Outcome> {
-        let network = DiscreteModel::new(&self.mesh, &self.material)?;
-        let own = (self.mesh.clone(), network);
+        let model = DiscreteModel::new(&self.mesh, &self.material)?;
+        let own = (self.mesh.clone(), model);
         let how = (method.kind, method.settings());
         let mut body = EngineChoice::Auto.build_tets_from_model(gpu, own, &self.material, how)?;
         body.pin_nodes(&self.pinned)?;

@@ -128,7 +128,7 @@ impl Subject {
         };
         let own = (self.mesh.clone(), DiscreteModel::new(&self.mesh, material)?);
         let how = (kind, settings);
-        let mut exact = CpuTets::of_network(gpu, own, material, how, Precision::Double)?;
+        let mut exact = CpuTets::of_model(gpu, own, material, how, Precision::Double)?;
         self.hold(body.as_mut())?;
         self.hold(&mut exact)?;
         let (mut off, mut way, mut iterations) = (0.0f64, 0.0f64, 0);

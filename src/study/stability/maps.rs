@@ -273,14 +273,14 @@ fn limits(subject: &Subject, method: Method, damping: f64) -> Result<Vec<Series>
         let share = -0.5 + 2.0 * f64::from(i) / 40.0;
         let stiffness = first * (last / first).powf(share);
         let material = subject.material(stiffness, damping);
-        let network = crate::physics::DiscreteModel::new(&subject.mesh, &material)?;
+        let model = crate::physics::DiscreteModel::new(&subject.mesh, &material)?;
         let pinned: Vec<bool> = subject
             .mesh
             .nodes
             .iter()
             .map(|p| p.x <= subject.held)
             .collect();
-        match crate::physics::largest_stable_step(&network, &pinned, method.kind) {
+        match crate::physics::largest_stable_step(&model, &pinned, method.kind) {
             Some(h) if h > 0.0 => points.push([h, stiffness]),
             _ => {}
         }

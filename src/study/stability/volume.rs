@@ -53,9 +53,9 @@ impl Noise {
 /// Stretches and perturbs the paper's bar of `material` and measures the results.
 fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
     let mesh = generate::paper_bar()?;
-    let network = DiscreteModel::new(&mesh, material)?;
+    let model = DiscreteModel::new(&mesh, material)?;
     let free = vec![false; mesh.nodes.len()];
-    let largest = largest_stable_step(&network, &free, SolverKind::Symplectic);
+    let largest = largest_stable_step(&model, &free, SolverKind::Symplectic);
 
     let (low, high) = mesh.bounds();
     let along = |x: &DVec3| (x.x - low.x) / (high.x - low.x);

@@ -101,20 +101,26 @@ fn cage_bending_matches_fine_body() {
             (elements(), CageKind::Lattice, 60, 0.2),
             (elements(), CageKind::Lattice, 200, 0.05),
         ] {
-            let network = DiscreteModel::new(&mesh, &material).unwrap();
+            let discrete_model = DiscreteModel::new(&mesh, &material).unwrap();
             let fine = GpuBody::new(&gpu, &mesh, &material).unwrap();
             let truth = sunk(&mesh, &settled(&gpu, fine, &held));
             assert!(truth > 1e-4 && truth < 0.02, "{truth}");
-            let mut cage = Cage::new(&mesh, &network, kind, nodes).unwrap();
+            let mut cage = Cage::new(&mesh, &discrete_model, kind, nodes).unwrap();
             let own = cage.coarse_nodes_for(&held);
-            let pinned = flags(&own, cage.network.rest_positions.len());
-            cage.fit_stiffness(&network, &flags(&held, mesh.nodes.len()), &pinned, None)
-                .unwrap();
+            let pinned = flags(&own, cage.model.rest_positions.len());
+            cage.fit_stiffness(
+                &discrete_model,
+                &flags(&held, mesh.nodes.len()),
+                &pinned,
+                None,
+            )
+            .unwrap();
             let found = match kind {
                 CageKind::Grid => settled_grid(&gpu, &cage, &own),
                 CageKind::Lattice => {
-                    let network = cage.network.clone();
-                    let body = GpuBody::from_model(&gpu, &cage.mesh, network, &material).unwrap();
+                    let discrete_model = cage.model.clone();
+                    let body =
+                        GpuBody::from_model(&gpu, &cage.mesh, discrete_model, &material).unwrap();
                     settled(&gpu, body, &own)
                 }
             };
@@ -164,8 +170,8 @@ fn cage_preserves_mass_and_region_stiffness() {
         regions: BTreeMap::from([(1, region)]),
         ..material()
     };
-    let network = DiscreteModel::new(&mesh, &material).unwrap();
-    let total: f64 = network.masses.iter().sum();
+    let discrete_model = DiscreteModel::new(&mesh, &material).unwrap();
+    let total: f64 = discrete_model.masses.iter().sum();
     let centre = |n: &DiscreteModel| {
         let moment: DVec3 = n
             .rest_positions
@@ -176,17 +182,16 @@ fn cage_preserves_mass_and_region_stiffness() {
         n.to_file(moment / n.masses.iter().sum::<f64>())
     };
     for kind in [CageKind::Lattice, CageKind::Grid] {
-        let cage = Cage::new(&mesh, &network, kind, 300).unwrap();
-        let own: f64 = cage.network.masses.iter().sum();
+        let cage = Cage::new(&mesh, &discrete_model, kind, 300).unwrap();
+        let own: f64 = cage.model.masses.iter().sum();
         assert!((own / total - 1.0).abs() < 1e-9, "{kind}: {own} {total}");
-        let apart = centre(&cage.network).distance(centre(&network));
+        let apart = centre(&cage.model).distance(centre(&discrete_model));
         assert!(apart < 0.003, "{kind}: {apart}");
         let [soft, stiff] = [0.02..0.08, 0.12..0.18].map(|range| {
-            let inside = cage.network.edges.iter().filter(|s| {
-                let ends = s.nodes.map(|v| {
-                    cage.network
-                        .to_file(cage.network.rest_positions[v as usize])
-                });
+            let inside = cage.model.edges.iter().filter(|s| {
+                let ends = s
+                    .nodes
+                    .map(|v| cage.model.to_file(cage.model.rest_positions[v as usize]));
                 ends.iter().all(|p| range.contains(&p.x))
             });
             inside.map(|s| s.stiffness).fold(0.0, f64::max)
@@ -203,10 +208,10 @@ fn cage_preserves_mass_and_region_stiffness() {
 fn cage_covers_embedded_mesh() {
     for (name, tets) in [("limb", 8_000), ("duct", 6_000), ("ball", 3_000)] {
         let mesh = generate::by_name(name, Some(tets)).unwrap();
-        let network = DiscreteModel::new(&mesh, &Material::soft_tissue()).unwrap();
+        let discrete_model = DiscreteModel::new(&mesh, &Material::soft_tissue()).unwrap();
         for kind in [CageKind::Lattice, CageKind::Grid] {
             for wanted in [60, 1_000] {
-                let cage = Cage::new(&mesh, &network, kind, wanted).unwrap();
+                let cage = Cage::new(&mesh, &discrete_model, kind, wanted).unwrap();
                 let report = cage.report();
                 println!("{name} {kind} {wanted}: {report:?}");
                 assert_eq!(report.nodes_outside, 0, "{name} {kind} {wanted}");
@@ -216,16 +221,16 @@ fn cage_covers_embedded_mesh() {
                     "{name} {kind} {wanted}: {report:?}"
                 );
                 // Partly filled cells are lighter, none is massless.
-                let least = cage.network.masses.iter().filter(|m| **m > 0.0);
-                let mean = network.masses.iter().sum::<f64>() / report.nodes as f64;
+                let least = cage.model.masses.iter().filter(|m| **m > 0.0);
+                let mean = discrete_model.masses.iter().sum::<f64>() / report.nodes as f64;
                 let least = least.copied().fold(f64::INFINITY, f64::min);
                 assert!(least < 0.6 * mean, "{name}: {least} {mean}");
             }
         }
     }
     let mesh = bar(false);
-    let network = DiscreteModel::new(&mesh, &material()).unwrap();
+    let discrete_model = DiscreteModel::new(&mesh, &material()).unwrap();
     for nodes in [0, 3, 100_000_000] {
-        assert!(Cage::new(&mesh, &network, CageKind::Lattice, nodes).is_err());
+        assert!(Cage::new(&mesh, &discrete_model, CageKind::Lattice, nodes).is_err());
     }
 }

@@ -12,8 +12,8 @@ pub fn rigid_pieces(mesh: &TetMesh, labels: BTreeSet<i64>) -> Vec<usize> {
         rigid: labels,
         ..Material::from_young(1e5)
     };
-    let network = DiscreteModel::new(mesh, &material).unwrap();
-    let bodies = network.rigid_bodies().iter();
+    let discrete_model = DiscreteModel::new(mesh, &material).unwrap();
+    let bodies = discrete_model.rigid_bodies().iter();
     bodies.map(|b| b.nodes.len()).collect()
 }
 

@@ -23,7 +23,7 @@ fn stable_step_matches_paper() {
     for (stiffness, limit) in [(3_000.0, 1.08e-3), (30_000.0, 3.42e-4)] {
         let body = bar(&gpu, stiffness, 0.0);
         let free = vec![false; body.node_count()];
-        let step = largest_stable_step(body.network(), &free, SolverKind::Verlet).unwrap();
+        let step = largest_stable_step(body.model(), &free, SolverKind::Verlet).unwrap();
         assert!((step - limit).abs() < 0.005 * limit, "{step}");
     }
 }
@@ -67,8 +67,11 @@ fn verlet_is_stable_for_small_steps_and_rejects_large_ones() {
     let mut verlet = solver(&gpu, &body, SolverKind::Verlet);
     verlet.run(&mut body, 1000, 0.001).unwrap();
     let report = Report::new(&body, &mesh).unwrap();
-    assert!(report.max_displacement > 0.01 * 0.12, "{report:?}");
-    assert!(report.max_displacement < 0.5 * 0.12, "{report:?}");
+    // In the float32 of another driver it may differ in the fifth digit.
+    assert!(
+        (report.max_displacement / 5.951e-3 - 1.0).abs() < 0.01,
+        "{report:?}"
+    );
 
     let mut body = bar(&gpu, 3_000.0, 0.0);
     let mut verlet = solver(&gpu, &body, SolverKind::Verlet);
@@ -123,7 +126,7 @@ fn estimated_stable_step_is_stable_and_sharp() {
         ] {
             let run = |factor: f64| {
                 let mut body = GpuBody::new(&gpu, &mesh, &material).unwrap();
-                let limit = largest_stable_step(body.network(), body.pinned(), kind).unwrap();
+                let limit = largest_stable_step(body.model(), body.pinned(), kind).unwrap();
                 let pushed: Vec<DVec3> = mesh
                     .nodes
                     .iter()
@@ -137,7 +140,7 @@ fn estimated_stable_step_is_stable_and_sharp() {
             let undamped = material.damping + material.damping_time == 0.0;
             if kind == SolverKind::Explicit && undamped {
                 let mut body = GpuBody::new(&gpu, &mesh, &material).unwrap();
-                let limit = largest_stable_step(body.network(), body.pinned(), kind);
+                let limit = largest_stable_step(body.model(), body.pinned(), kind);
                 assert_eq!(limit, Some(0.0));
                 assert!(solver(&gpu, &body, kind).run(&mut body, 1, 1e-4).is_ok());
                 continue;

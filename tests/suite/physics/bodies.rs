@@ -64,8 +64,8 @@ fn spring_constants_give_youngs_modulus_on_any_mesh() {
         generate::paper_bar().unwrap(),
         duct,
     ] {
-        let network = DiscreteModel::new(&mesh, &Material::from_young(1e5)).unwrap();
-        let mut p = ReferenceSprings::new(network);
+        let model = DiscreteModel::new(&mesh, &Material::from_young(1e5)).unwrap();
+        let mut p = ReferenceSprings::new(model);
         let stretch = 1e-5;
         let mut mean = 0.0;
         // The six diagonals of the icosahedron average fourth powers exactly.
@@ -76,7 +76,7 @@ fn spring_constants_give_youngs_modulus_on_any_mesh() {
                 n[k] = 1.0;
                 n[(k + 1) % 3] = sign * golden;
                 let n = DVec3::from(n).normalize();
-                for (x, rest) in p.x.iter_mut().zip(&p.network.rest_positions) {
+                for (x, rest) in p.x.iter_mut().zip(&p.model.rest_positions) {
                     *x = *rest + stretch * n * n.dot(*rest);
                 }
                 mean += p.elastic_energy() / 6.0;
@@ -195,8 +195,8 @@ fn regions_and_scale_fields_scale_stiffness() {
         };
         let base = springs(&plain);
         let mass = |material: &Material| -> f64 {
-            let network = DiscreteModel::new(&mesh, material).unwrap();
-            network.masses.iter().sum()
+            let model = DiscreteModel::new(&mesh, material).unwrap();
+            model.masses.iter().sum()
         };
         // Half of the bar belongs to the region, which has half the density.
         assert!((mass(&regions) / mass(&plain) - 0.75).abs() < 1e-9);

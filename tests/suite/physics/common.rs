@@ -61,7 +61,7 @@ impl Twins {
     pub fn disturb(&mut self, amount: f64, speed: f64, seed: u64) {
         let mut noise = Noise(seed);
         let extent = self.body.nodes().frame().scale;
-        let unit = self.truth.network.length_unit;
+        let unit = self.truth.model.length_unit;
         let x: Vec<DVec3> = self
             .mesh
             .nodes
@@ -87,26 +87,26 @@ impl Twins {
 
     /// Sets the reference to the body's state.
     pub fn take_over(&mut self) {
-        let network = &self.truth.network;
-        let unit = network.length_unit;
+        let model = &self.truth.model;
+        let unit = model.length_unit;
         let x = self.body.positions().unwrap();
         let v = self.body.velocities().unwrap();
-        self.truth.x = x.iter().map(|x| network.to_metres(*x)).collect();
+        self.truth.x = x.iter().map(|x| model.to_metres(*x)).collect();
         self.truth.v = v.iter().map(|v| *v * unit).collect();
     }
 
     /// Returns the largest differences of positions (m) and velocities (m/s).
     pub fn difference(&self) -> (f64, f64) {
-        let network = &self.truth.network;
+        let model = &self.truth.model;
         let x = self.body.positions().unwrap();
         let v = self.body.velocities().unwrap();
         let most = |a: f64, b: f64| if b.is_nan() { f64::NAN } else { a.max(b) };
         let x = x.iter().zip(&self.truth.x);
         let v = v.iter().zip(&self.truth.v);
         (
-            x.map(|(a, b)| network.to_metres(*a).distance(*b))
+            x.map(|(a, b)| model.to_metres(*a).distance(*b))
                 .fold(0.0, most),
-            v.map(|(a, b)| (*a * network.length_unit).distance(*b))
+            v.map(|(a, b)| (*a * model.length_unit).distance(*b))
                 .fold(0.0, most),
         )
     }

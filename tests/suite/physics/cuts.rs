@@ -28,7 +28,7 @@ fn bar() -> (TetMesh, Topology) {
 }
 
 fn mass_and_momentum(body: &GpuBody) -> (f64, DVec3) {
-    let masses = &body.network().masses;
+    let masses = &body.model().masses;
     let v = body.velocities().unwrap();
     let momentum = masses.iter().zip(&v).map(|(m, v)| *m * *v).sum();
     (masses.iter().sum(), momentum)
@@ -76,9 +76,9 @@ fn bar_cut_through_separates() {
     assert!(momentum_now.distance(momentum) < 1e-12 * mass);
 
     // No spring crosses the blade.
-    let rest = &body.network().rest_positions;
-    let whole = across(body.network().to_metres(at), DVec3::X, 0.2);
-    let crossing = |network: &DiscreteModel| {
+    let rest = &body.model().rest_positions;
+    let whole = across(body.model().to_metres(at), DVec3::X, 0.2);
+    let crossing = |model: &DiscreteModel| {
         let crosses = |s: &palpate::physics::Edge| {
             let [a, b] = s.nodes.map(|v| rest[v as usize]);
             // A node on the blade belongs to either side.
@@ -90,13 +90,13 @@ fn bar_cut_through_separates() {
         }
         let links =
             |s: &palpate::physics::Edge| owner[s.nodes[0] as usize] != owner[s.nodes[1] as usize];
-        network
+        model
             .edges
             .iter()
             .filter(|s| crosses(s) || links(s))
             .count()
     };
-    assert_eq!(crossing(body.network()), 0);
+    assert_eq!(crossing(body.model()), 0);
     let (uncut, _) = bar();
     let before = DiscreteModel::new(&uncut, &Material::uniform_springs(3_000.0, 1.0)).unwrap();
     assert!(
@@ -131,7 +131,7 @@ fn cut_ball(gpu: &Gpu, material: &Material, kind: SolverKind) -> Twins {
     twins.gravity(DVec3::new(0.0, 0.0, -9.81));
     twins.disturb(0.004, 0.05, 3);
     let free = vec![false; mesh.nodes.len()];
-    let step = largest_stable_step(twins.body.network(), &free, kind).unwrap_or(0.01);
+    let step = largest_stable_step(twins.body.model(), &free, kind).unwrap_or(0.01);
     let mut stepper = solver(gpu, &twins.body, kind);
     stepper.run(&mut twins.body, 5, 0.4 * step).unwrap();
     let mut topology = Topology::new(&mesh);
@@ -144,7 +144,7 @@ fn cut_ball(gpu: &Gpu, material: &Material, kind: SolverKind) -> Twins {
     assert!(cut.duplicated_nodes.len() > 20 && components(&topology).1 == 1);
     let pinned = twins.body.pinned().to_vec();
     let gravity = twins.truth.gravity;
-    twins.truth = ReferenceSprings::new(twins.body.network().clone());
+    twins.truth = ReferenceSprings::new(twins.body.model().clone());
     twins.truth.gravity = gravity;
     twins.truth.pinned = pinned;
     twins.take_over();
@@ -174,10 +174,10 @@ fn cut_body_motion_matches_float64() {
         assert!(x < most, "{kind:?}: {x}");
         // The model equals the one built from the current mesh.
         let fresh = DiscreteModel::new(&twins.mesh, &material).unwrap();
-        let network = twins.body.network();
-        assert_eq!(network.edges, fresh.edges);
-        assert_eq!(network.masses, fresh.masses);
-        assert_eq!(network.rest_positions, fresh.rest_positions);
+        let model = twins.body.model();
+        assert_eq!(model.edges, fresh.edges);
+        assert_eq!(model.masses, fresh.masses);
+        assert_eq!(model.rest_positions, fresh.rest_positions);
     }
 }
 
@@ -186,10 +186,10 @@ fn comparison_detects_uncut_reference() {
     let gpu = Gpu::new().unwrap();
     let kind = SolverKind::Symplectic;
     let mut twins = cut_ball(&gpu, &Material::from_young(20_000.0), kind);
-    let spring = &mut twins.truth.network.edges[100];
+    let spring = &mut twins.truth.model.edges[100];
     spring.stiffness *= 0.5;
     let step = largest_stable_step(
-        twins.body.network(),
+        twins.body.model(),
         &vec![false; twins.mesh.nodes.len()],
         kind,
     );
@@ -231,11 +231,11 @@ fn cuts_continue_when_capacity_is_exceeded() {
         mesh.nodes.len()
     );
     assert!((mass_and_momentum(&twins.body).0 / mass - 1.0).abs() < 1e-12);
-    twins.truth = ReferenceSprings::new(twins.body.network().clone());
+    twins.truth = ReferenceSprings::new(twins.body.model().clone());
     twins.mesh = mesh;
     twins.disturb(0.001, 0.05, 4);
     let free = vec![false; twins.mesh.nodes.len()];
-    let step = 0.4 * largest_stable_step(twins.body.network(), &free, kind).unwrap();
+    let step = 0.4 * largest_stable_step(twins.body.model(), &free, kind).unwrap();
     sleeper.run(&mut twins.body, 4, step).unwrap();
     step_truth(kind, &mut twins.truth, 4, step);
     assert!(twins.difference().0 < 5e-8, "{:?}", twins.difference());
@@ -249,7 +249,7 @@ fn duplicated_nodes_share_pins_loads_and_mass() {
     body.pin(|p| p.z < 0.001);
     body.add_force(DVec3::new(3.0, 2.0, 1.0), |p| p.z > 0.059)
         .unwrap();
-    let masses = body.network().masses.clone();
+    let masses = body.model().masses.clone();
     let total = |body: &GpuBody| -> DVec3 {
         let forces: Vec<[f32; 4]> = gpu.read_array(body.force_array()).unwrap();
         assert_eq!(forces.len(), body.node_count());
@@ -269,10 +269,10 @@ fn duplicated_nodes_share_pins_loads_and_mass() {
     let mut shared = masses.clone();
     for [new, old] in &cut.duplicated_nodes {
         assert_eq!(body.pinned()[*new as usize], body.pinned()[*old as usize]);
-        shared[*old as usize] -= body.network().masses[*new as usize];
+        shared[*old as usize] -= body.model().masses[*new as usize];
     }
     for (v, mass) in shared.iter().enumerate() {
-        assert!((mass - body.network().masses[v]).abs() < 1e-15, "{v}");
+        assert!((mass - body.model().masses[v]).abs() < 1e-15, "{v}");
     }
     assert!(
         cut.duplicated_nodes
@@ -309,7 +309,7 @@ fn removed_slab_leaves_two_halves() {
     let (mass, _) = mass_and_momentum(&twins.body);
     assert!((mass / before - 0.75).abs() < 1e-12);
     twins.truth = ReferenceSprings::new(DiscreteModel::new(&twins.mesh, &material).unwrap());
-    assert_eq!(twins.truth.network.edges, twins.body.network().edges);
+    assert_eq!(twins.truth.model.edges, twins.body.model().edges);
     twins.take_over();
     stepper.run(&mut twins.body, 6, 1e-4).unwrap();
     step_truth(SolverKind::Symplectic, &mut twins.truth, 6, 1e-4);

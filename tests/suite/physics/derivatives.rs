@@ -33,8 +33,8 @@ fn relative(a: &[DVec3], b: &[DVec3]) -> f64 {
 #[test]
 fn force_equals_negative_energy_gradient() {
     let mut p = particles(Damping::Axial);
-    p.network.springs_mut().unwrap().damping = 0.0;
-    p.network.damping_time = 0.0;
+    p.model.springs_mut().unwrap().damping = 0.0;
+    p.model.damping_time = 0.0;
     let forces = p.forces();
     let step = 1e-7;
     let mut measured = vec![DVec3::ZERO; p.x.len()];
@@ -55,8 +55,8 @@ fn force_equals_negative_energy_gradient() {
 #[test]
 fn exact_jacobian_equals_force_derivative() {
     let mut p = particles(Damping::Axial);
-    p.network.springs_mut().unwrap().damping = 0.0;
-    p.network.damping_time = 0.0;
+    p.model.springs_mut().unwrap().damping = 0.0;
+    p.model.damping_time = 0.0;
     let direction = Noise(7).vectors(p.x.len());
     let exact = p.stiffness_product(&direction, false);
     let measured = differences(&p, &direction, |p, d, s| {

@@ -6,7 +6,7 @@ use palpate::physics::{ConstitutiveModel, DiscreteModel, Elements, GpuBody};
 
 /// A body and its state in float64, SI units.
 pub struct Truth {
-    pub network: DiscreteModel,
+    pub model: DiscreteModel,
     pub x: Vec<DVec3>,
     pub v: Vec<DVec3>,
     pub gravity: DVec3,
@@ -17,20 +17,20 @@ pub type Blocks = Vec<([u32; 4], [[DMat3; 4]; 4])>;
 
 impl Truth {
     pub fn of(body: &GpuBody) -> Truth {
-        let network = body.network().clone();
-        let unit = network.length_unit;
+        let model = body.model().clone();
+        let unit = model.length_unit;
         let (x, v) = (body.positions().unwrap(), body.velocities().unwrap());
         Truth {
-            x: x.iter().map(|x| network.to_metres(*x)).collect(),
+            x: x.iter().map(|x| model.to_metres(*x)).collect(),
             v: v.iter().map(|v| *v * unit).collect(),
             gravity: body.gravity(),
             pinned: body.pinned().to_vec(),
-            network,
+            model,
         }
     }
 
     fn elements(&self) -> &Elements {
-        self.network.elements().unwrap()
+        self.model.elements().unwrap()
     }
 
     pub fn law(&self) -> ConstitutiveModel {
@@ -38,13 +38,13 @@ impl Truth {
     }
 
     pub fn energy(&self, x: &[DVec3]) -> f64 {
-        let tets = self.network.tets().iter();
+        let tets = self.model.tets().iter();
         tets.map(|e| e.energy(self.law(), &e.nodes.map(|v| x[v as usize])))
             .sum()
     }
 
     pub fn blocks(&self, x: &[DVec3]) -> Blocks {
-        let tets = self.network.tets().iter();
+        let tets = self.model.tets().iter();
         tets.map(|e| {
             let corners = e.nodes.map(|v| x[v as usize]);
             (e.nodes, e.projected_stiffness(self.law(), &corners))
@@ -54,19 +54,19 @@ impl Truth {
 
     /// Returns the elastic forces, the weight, and the damping forces for the velocities `v`.
     pub fn forces(&self, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
-        let masses = self.network.masses.iter();
+        let masses = self.model.masses.iter();
         let drag = self.elements().mass_damping;
         let mut f: Vec<DVec3> = masses
             .zip(v)
             .map(|(m, v)| *m * (self.gravity - drag * *v))
             .collect();
-        for e in self.network.tets() {
+        for e in self.model.tets() {
             let shares = e.forces(self.law(), &e.nodes.map(|v| x[v as usize]));
             for (v, share) in e.nodes.iter().zip(shares) {
                 f[*v as usize] += share;
             }
         }
-        let time = self.network.damping_time;
+        let time = self.model.damping_time;
         if time > 0.0 {
             let kv = product(&self.blocks(x), v);
             f.iter_mut().zip(kv).for_each(|(f, kv)| *f -= time * kv);
@@ -76,7 +76,7 @@ impl Truth {
 
     pub fn accelerations(&self, x: &[DVec3], v: &[DVec3]) -> Vec<DVec3> {
         let f = self.forces(x, v);
-        let each = f.iter().zip(&self.network.masses).zip(&self.pinned);
+        let each = f.iter().zip(&self.model.masses).zip(&self.pinned);
         each.map(|((f, m), held)| if *held { DVec3::ZERO } else { *f / *m })
             .collect()
     }
@@ -93,8 +93,8 @@ impl Truth {
         let x: Vec<DVec3> = self.x.iter().zip(w).map(|(x, w)| *x + h * *w).collect();
         let f = self.forces(&x, w);
         let blocks = self.blocks(&x);
-        let masses = &self.network.masses;
-        let scale = h * (h + self.network.damping_time);
+        let masses = &self.model.masses;
+        let scale = h * (h + self.model.damping_time);
         let drag = 1.0 + h * self.elements().mass_damping;
         let free = |v: Vec<DVec3>| -> Vec<DVec3> {
             let each = v.into_iter().zip(&self.pinned);
@@ -154,7 +154,7 @@ impl Truth {
             .filter(|i| !self.pinned[*i])
             .map(|i| {
                 let still = (w[i] - self.v[i]).length_squared() + drag * w[i].length_squared();
-                self.network.masses[i] * (0.5 * still - h * self.gravity.dot(w[i]))
+                self.model.masses[i] * (0.5 * still - h * self.gravity.dot(w[i]))
             })
             .sum();
         inertia + self.energy(&x)

@@ -38,7 +38,7 @@ fn gpu_forces(gpu: &Gpu, body: &mut GpuBody, share: f64) -> (Vec<DVec3>, f64) {
     let mut stepper = solver(gpu, body, SolverKind::Symplectic);
     let progress = stepper.run(body, 1, h).unwrap();
     let after = Truth::of(body);
-    let change = after.v.iter().zip(&before.v).zip(&before.network.masses);
+    let change = after.v.iter().zip(&before.v).zip(&before.model.masses);
     let f = change.map(|((b, a), m)| *m * (*b - *a) / h).collect();
     (f, progress.last.elastic)
 }
@@ -86,7 +86,7 @@ fn forces_and_energy_match_float64_in_any_state() {
             let report = Report::new(&body, &mesh).unwrap();
             assert!((report.energy.elastic / energies - 1.0).abs() < 1e-4);
             // The check is effective: the other constitutive model gives other forces.
-            truth.network.elements_mut().unwrap().law = match truth.law() {
+            truth.model.elements_mut().unwrap().law = match truth.law() {
                 ConstitutiveModel::NeoHookean => ConstitutiveModel::Corotated,
                 ConstitutiveModel::Corotated => ConstitutiveModel::NeoHookean,
             };
@@ -133,7 +133,7 @@ fn damping_equals_projected_force_derivative() {
             if name == "a little" {
                 // Nearly relaxed tets have no negative eigenvalues.
                 let plain = Truth {
-                    network: DiscreteModel::new(&mesh, &still).unwrap(),
+                    model: DiscreteModel::new(&mesh, &still).unwrap(),
                     ..Truth::of(&body)
                 };
                 let at = |s: f64| {
@@ -158,9 +158,9 @@ fn swinging(gpu: &Gpu, model: MaterialModel, damping_time: f64) -> GpuBody {
         damping_time,
         ..material(model)
     };
-    let mut network = DiscreteModel::new(&mesh, &material).unwrap();
-    network.elements_mut().unwrap().mass_damping = 0.4;
-    let mut body = GpuBody::from_model(gpu, &mesh, network, &material).unwrap();
+    let mut discrete_model = DiscreteModel::new(&mesh, &material).unwrap();
+    discrete_model.elements_mut().unwrap().mass_damping = 0.4;
+    let mut body = GpuBody::from_model(gpu, &mesh, discrete_model, &material).unwrap();
     body.pin(|p| p.x < 1e-6);
     body.set_gravity(DVec3::new(0.0, 2.0, -9.81));
     body
@@ -322,9 +322,9 @@ fn scrambled_bodies_recover() {
                 damping_time: 0.02,
                 ..material(model)
             };
-            let mut network = DiscreteModel::new(&mesh, &damped).unwrap();
-            network.elements_mut().unwrap().mass_damping = 4.0;
-            let mut body = GpuBody::from_model(&gpu, &mesh, network, &damped).unwrap();
+            let mut discrete_model = DiscreteModel::new(&mesh, &damped).unwrap();
+            discrete_model.elements_mut().unwrap().mass_damping = 4.0;
+            let mut body = GpuBody::from_model(&gpu, &mesh, discrete_model, &damped).unwrap();
             body.pin(|p| p.x < 1e-6);
             let nodes = x.iter().zip(&mesh.nodes).zip(body.pinned());
             let x: Vec<DVec3> = nodes
@@ -369,7 +369,7 @@ fn elements_follow_cuts() {
         let fresh = DiscreteModel::new(&mesh, &made_of).unwrap();
         let nodes =
             |n: &DiscreteModel| -> Vec<[u32; 4]> { n.tets().iter().map(|e| e.nodes).collect() };
-        assert_eq!(nodes(body.network()), nodes(&fresh));
+        assert_eq!(nodes(body.model()), nodes(&fresh));
         // The separated half falls freely.
         let steps = (0.2 / h) as u32;
         let loose: Vec<usize> = (0..mesh.nodes.len())

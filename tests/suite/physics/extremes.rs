@@ -17,7 +17,7 @@ fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
 
 /// Returns the smallest value found of pᵀAp/pᵀMp, by descent from a random p.
 fn smallest_quotient(p: &ReferenceSprings, product: impl Fn(&[DVec3]) -> Vec<DVec3>) -> f64 {
-    let masses = &p.network.masses;
+    let masses = &p.model.masses;
     let weigh =
         |v: &[DVec3]| -> Vec<DVec3> { v.iter().zip(masses).map(|(v, m)| *v * *m).collect() };
     // An upper bound of the eigenvalues of M⁻¹A, by power iteration; M⁻¹A minus the bound has its
@@ -57,7 +57,7 @@ fn compressed_springs_require_clamped_hessian() {
     let exact = |v: &[DVec3]| -> Vec<DVec3> {
         let k = p.stiffness_product(v, false);
         (0..v.len())
-            .map(|i| p.network.masses[i] * v[i] - h * h * k[i])
+            .map(|i| p.model.masses[i] * v[i] - h * h * k[i])
             .collect()
     };
     let unclamped = smallest_quotient(p, exact);
@@ -119,7 +119,7 @@ fn scrambled_spring_body_settles_tangled() {
         let mut body = GpuBody::new(&gpu, &mesh, &material).unwrap();
         body.set_positions(&start).unwrap();
         let before = Report::new(&body, &mesh).unwrap();
-        let limit = largest_stable_step(body.network(), body.pinned(), kind);
+        let limit = largest_stable_step(body.model(), body.pinned(), kind);
         let (steps, h) = match limit {
             None => (300, 0.01),
             Some(limit) => (4000, 0.5 * limit),
@@ -176,14 +176,14 @@ fn stiffness_and_mass_ratios_of_ten_thousand_converge() {
         let history = implicit.history(&twins.body).unwrap();
         let most = history.iter().map(|s| s.iterations).max().unwrap();
         step_truth(SolverKind::Implicit, &mut twins.truth, 40, 0.01);
-        let network = &twins.truth.network;
-        let moved = twins.truth.x.iter().zip(&network.rest_positions);
+        let model = &twins.truth.model;
+        let moved = twins.truth.x.iter().zip(&model.rest_positions);
         let moved = moved.map(|(x, r)| x.distance(*r)).fold(0.0, f64::max);
         let (off, _) = twins.difference();
         assert!(off < 0.02 * moved, "{off} of {moved} m");
         assert!(most < 200, "{most} iterations");
         // An explicit scheme must use the step of the stiffest or lightest part.
-        let limit = largest_stable_step(network, &twins.truth.pinned, SolverKind::Symplectic);
+        let limit = largest_stable_step(model, &twins.truth.pinned, SolverKind::Symplectic);
         assert!(limit.unwrap() < 2e-3);
     }
 }
@@ -261,9 +261,9 @@ fn explicit_euler_is_stable_in_narrow_damping_band() {
             damping_time,
             ..Material::uniform_springs(3_000.0, 0.0)
         };
-        let network = DiscreteModel::new(&mesh, &material).unwrap();
+        let model = DiscreteModel::new(&mesh, &material).unwrap();
         let free = vec![false; mesh.nodes.len()];
-        largest_stable_step(&network, &free, SolverKind::Explicit).unwrap()
+        largest_stable_step(&model, &free, SolverKind::Explicit).unwrap()
     };
     assert!(limit(0.9e-3) < 1e-3 && limit(1.2e-3) < 1e-3);
     assert!(limit(1.02e-3) > 1e-3 && limit(1.08e-3) > 1e-3);

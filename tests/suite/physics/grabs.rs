@@ -24,7 +24,7 @@ fn body(gpu: &Gpu) -> GpuBody {
 fn step(body: &GpuBody, kind: SolverKind) -> f64 {
     match kind {
         SolverKind::Implicit => 0.002,
-        _ => 0.5 * largest_stable_step(body.network(), body.pinned(), SolverKind::Verlet).unwrap(),
+        _ => 0.5 * largest_stable_step(body.model(), body.pinned(), SolverKind::Verlet).unwrap(),
     }
 }
 
@@ -73,7 +73,7 @@ fn grab_springs_respect_force_limit() {
         // The first pulls with full stiffness, the second up to its force limit.
         for (stiffness, limit) in [(0.5, 1e9), (1e3, 0.02)] {
             let mut body = body(&gpu);
-            let mass: f64 = body.network().masses.iter().sum();
+            let mass: f64 = body.model().masses.iter().sum();
             let mut solver = kind.solver(&gpu, &body).unwrap();
             let h = 0.25 * step(&body, kind);
             let centre = DVec3::new(0.04, 0.015, 0.015);
@@ -82,7 +82,7 @@ fn grab_springs_respect_force_limit() {
                 .unwrap();
             let away = DVec3::new(0.0, 0.05, 0.0);
             body.set_target(grab, centre + away).unwrap();
-            let masses = body.network().masses.clone();
+            let masses = body.model().masses.clone();
             let momentum = |body: &GpuBody| -> f64 {
                 let v = body.velocities().unwrap();
                 v.iter().zip(&masses).map(|(v, m)| m * v.y).sum()

@@ -234,7 +234,7 @@ fn moments(twins: &Twins) -> (DVec3, DVec3, f64) {
     let p = &twins.truth;
     let mut total = (DVec3::ZERO, DVec3::ZERO, 0.0);
     for i in 0..p.x.len() {
-        let momentum = p.network.masses[i] * p.v[i];
+        let momentum = p.model.masses[i] * p.v[i];
         total.0 += momentum;
         total.1 += p.x[i].cross(momentum);
         total.2 += momentum.length();

@@ -4,7 +4,9 @@ use crate::support::gpu;
 use glam::DVec3;
 use palpate::generate;
 use palpate::mesh::{Blade, Field, Location, TetMesh};
-use palpate::physics::{Engine, EngineChoice, Material, MaterialModel, Simulator, SolverKind};
+use palpate::physics::{
+    Engine, EngineChoice, Material, MaterialModel, Member, MultiBody, Simulator, SolverKind,
+};
 use palpate::scene::{Scene, Stage};
 
 /// A bar along x with a bone in its middle half.
@@ -197,4 +199,44 @@ fn scene_splits_region_interfaces() {
         message.to_string().contains("\"wood\"; available"),
         "{message}"
     );
+}
+
+/// A rigid region of the second of two bodies has another label in the mesh of both.
+#[test]
+fn region_force_of_one_of_several_bodies_is_its_own() {
+    let gpu = gpu();
+    let (mesh, material) = bar();
+    let build = || {
+        let cpu = EngineChoice::Exactly(Engine::Cpu);
+        let mut body = cpu
+            .build_tets(&gpu, mesh.clone(), &material, SolverKind::Implicit)
+            .unwrap();
+        body.pin(|p| p.x < 1e-6).unwrap();
+        body.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
+        body
+    };
+    let member = |name: &str| Member {
+        name: name.into(),
+        simulator: build(),
+        step: 0.01,
+    };
+    let mut both = MultiBody::new(&gpu, vec![member("one"), member("two")]).unwrap();
+    both.loads_mut().set_gravity(DVec3::new(0.0, 0.0, -9.81));
+    let mut alone = build();
+    both.run(5, 0.01).unwrap();
+    alone.run(5, 0.01).unwrap();
+    let truth = alone.reactions().unwrap().region_force(1).unwrap().unwrap();
+    assert!(truth.force.z > 1.0, "{truth:?}");
+    let names = both.mesh().region_names.clone();
+    let label = |name: &str| *names.iter().find(|(_, n)| *n == name).unwrap().0;
+    let forces = both.reactions().unwrap();
+    for name in ["one/1", "two/1"] {
+        assert_eq!(
+            forces.region_force(label(name)).unwrap(),
+            Some(truth),
+            "{name}"
+        );
+    }
+    assert_eq!(forces.region_force(label("two/0")).unwrap(), None);
+    assert_eq!(forces.region_force(99).unwrap(), None);
 }

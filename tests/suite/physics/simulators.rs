@@ -64,7 +64,7 @@ pub(super) fn carried(gpu: &Gpu, choice: EngineChoice) -> EmbeddedSimulator {
     let (mesh, material) = (bar(), material());
     let fine = DiscreteModel::new(&mesh, &material).unwrap();
     let cage = Cage::new(&mesh, &fine, CageKind::Lattice, 100).unwrap();
-    let own = (cage.mesh.clone(), cage.network.clone());
+    let own = (cage.mesh.clone(), cage.model.clone());
     let how = (SolverKind::Implicit, Default::default());
     let inner = choice
         .build_tets_from_model(gpu, own, &material, how)

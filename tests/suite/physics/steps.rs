@@ -75,7 +75,7 @@ fn hundred_steps_of_every_solver_match_reference() {
         let (dx, _) = twins.difference();
         let moved = twins.truth.x.iter().zip(&start);
         let moved = moved
-            .map(|(x, s)| twins.truth.network.to_file(*x).distance(*s))
+            .map(|(x, s)| twins.truth.model.to_file(*x).distance(*s))
             .fold(0.0, f64::max);
         assert!(moved > 0.01 * 0.12, "{kind} moved by only {moved} m");
         // The bar is 0.12 m long.

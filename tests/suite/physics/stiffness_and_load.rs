@@ -30,10 +30,16 @@ fn truth(gpu: &Gpu, ratio: f64) -> f64 {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/data/bar.vtu");
     let mesh = palpate::io::read(file).unwrap();
     let material = material(1e6);
-    let network = DiscreteModel::new(&mesh, &material).unwrap();
+    let discrete_model = DiscreteModel::new(&mesh, &material).unwrap();
     let how = (SolverKind::Implicit, CgSettings::default());
-    let mut body =
-        CpuTets::of_network(gpu, (mesh, network), &material, how, Precision::Double).unwrap();
+    let mut body = CpuTets::of_model(
+        gpu,
+        (mesh, discrete_model),
+        &material,
+        how,
+        Precision::Double,
+    )
+    .unwrap();
     let body: &mut dyn Simulator = &mut body;
     let (low, high) = body.mesh().bounds();
     let end = low.x + 0.05 * (high.x - low.x);

@@ -144,7 +144,7 @@ fn inverted_tet_count_is_exact() {
         .iter()
         .filter(|t| palpate::mesh::signed_volume(t.map(|v| torn[v as usize])) <= 0.0)
         .count();
-    assert!(expected > 0);
+    assert_eq!(expected, 6);
     assert_eq!(count(&torn) as usize, expected);
 }
 

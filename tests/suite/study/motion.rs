@@ -131,7 +131,7 @@ fn single_spring_matches_exact_oscillation() {
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| length * p);
         let mesh = TetMesh::new(corners.to_vec(), vec![[0, 1, 2, 3]], vec![], vec![]).unwrap();
         let material = Material::from_young(1.0);
-        let network = DiscreteModel {
+        let discrete_model = DiscreteModel {
             masses: vec![mass; 4],
             edges: vec![Edge {
                 nodes: [0, 1],
@@ -147,9 +147,9 @@ fn single_spring_matches_exact_oscillation() {
         };
         let scheme = ReferenceMotion::converged_scheme(SolverKind::VelocityVerlet);
         let (kind, settings) = scheme;
-        let mut body = CpuTets::of_network(
+        let mut body = CpuTets::of_model(
             &gpu(),
-            (mesh, network),
+            (mesh, discrete_model),
             &material,
             (kind, settings),
             Precision::Double,

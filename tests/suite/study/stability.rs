@@ -39,10 +39,10 @@ fn held(p: DVec3) -> bool {
 /// Returns the mesh clamped at one end, linearised.
 fn linearised(material: &Material) -> (ReferenceSprings, LinearisedModel) {
     let mesh = mesh();
-    let network = DiscreteModel::new(&mesh, material).unwrap();
+    let discrete_model = DiscreteModel::new(&mesh, material).unwrap();
     let pinned: Vec<bool> = mesh.nodes.iter().map(|p| held(*p)).collect();
-    let body = LinearisedModel::new(&network, &pinned);
-    let mut particles = ReferenceSprings::new(network);
+    let body = LinearisedModel::new(&discrete_model, &pinned);
+    let mut particles = ReferenceSprings::new(discrete_model);
     particles.pinned = pinned;
     (particles, body)
 }
@@ -116,7 +116,7 @@ fn limit(body: &LinearisedModel, kind: SolverKind) -> StepLimit {
 fn stability_limit_in_float64() {
     for (m, material) in materials().iter().enumerate() {
         let (mut rest, body) = linearised(material);
-        rest.network.rest_positions = rest.x.clone();
+        rest.model.rest_positions = rest.x.clone();
         for kind in EXPLICIT {
             let undamped = m == 0;
             if kind == SolverKind::Explicit && undamped {
@@ -182,11 +182,11 @@ fn reported_step_equals_stability_limit() {
     for material in materials() {
         let (p, body) = linearised(&material);
         for kind in EXPLICIT {
-            let reported = largest_stable_step(&p.network, &p.pinned, kind).unwrap();
+            let reported = largest_stable_step(&p.model, &p.pinned, kind).unwrap();
             assert_eq!(reported, body.largest_step(kind).unwrap().step);
         }
         assert_eq!(
-            largest_stable_step(&p.network, &p.pinned, SolverKind::Implicit),
+            largest_stable_step(&p.model, &p.pinned, SolverKind::Implicit),
             None
         );
     }

@@ -128,7 +128,7 @@ impl<T: Real> Pair<T> {
     /// limit.
     fn attach(&mut self) {
         let count = self.twin.x.len();
-        let size = self.twin.network.frame.scale * self.twin.network.length_unit;
+        let size = self.twin.model.frame.scale * self.twin.model.length_unit;
         let stiffness = self.body.units.stiffness();
         let off = DVec3::new(0.002, -0.001, 0.003) * size;
         let hold = count - 1;
@@ -184,7 +184,7 @@ impl<T: Real> Pair<T> {
         let square = |a: &[DVec3], b: &[DVec3]| -> f64 {
             a.iter().zip(b).map(|(a, b)| a.distance_squared(*b)).sum()
         };
-        let motion = square(&self.twin.x, &self.twin.network.rest_positions);
+        let motion = square(&self.twin.x, &self.twin.model.rest_positions);
         [
             (square(&x, &self.twin.x) / motion).sqrt(),
             (square(&v, &self.twin.v) / self.speed).sqrt(),
@@ -301,8 +301,8 @@ fn random_network_step_matches_reference() {
 fn comparison_detects_perturbed_reference() {
     let network = bar(600, 1.0, 1e-4, 1e-3, Damping::Axial);
     let spoil: [fn(&mut ReferenceSprings); 4] = [
-        |p| p.network.edges[100].stiffness *= 1.001,
-        |p| p.network.springs_mut().unwrap().damping_kind = Damping::Relative,
+        |p| p.model.edges[100].stiffness *= 1.001,
+        |p| p.model.springs_mut().unwrap().damping_kind = Damping::Relative,
         |p| p.gravity *= 1.001,
         |p| p.pinned[60] = !p.pinned[60],
     ];
@@ -355,7 +355,7 @@ fn system_matrix_matches_reference() {
             .collect();
         twin.v = some(count, 12, 0.1);
         // The masses belong to no term.
-        twin.network.masses.fill(0.0);
+        twin.model.masses.fill(0.0);
         twin.pinned.fill(false);
         let (h, p) = (3e-3, some(count, 13, 1.0));
         let product = twin.system_product(h, &p);

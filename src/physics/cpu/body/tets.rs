@@ -65,14 +65,14 @@ impl CpuTets {
         precision: Precision,
     ) -> Result<CpuTets> {
         let network = DiscreteModel::new(&mesh, material)?;
-        CpuTets::of_network(gpu, (mesh, network), material, (kind, settings), precision)
+        CpuTets::of_model(gpu, (mesh, network), material, (kind, settings), precision)
     }
 
     /// As [`CpuTets::new`], with a custom model, such as that of a cage.
     ///
     /// # Errors
     /// [`Error::Input`] if `network` does not match `mesh`; otherwise as [`CpuTets::new`].
-    pub fn of_network(
+    pub fn of_model(
         gpu: &Gpu,
         (mesh, network): (TetMesh, DiscreteModel),
         material: &Material,

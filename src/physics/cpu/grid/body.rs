@@ -6,7 +6,7 @@ use super::forces::{Slab, SoaVec3, SpringKind, SpringRun};
 use crate::physics::cpu::node_constraints::{NodeConstraint, check_attachments};
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
-use crate::physics::grid::{GridModel, SPRING_OFFSETS};
+use crate::physics::grid::{GridModel, GridShape};
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -121,7 +121,7 @@ impl<T: Real> CpuGridBody<T> {
         let shape = &model.shape;
         let (offsets, lengths) = (shape.offsets(), shape.rest_lengths());
         let kinds = std::array::from_fn(|k| {
-            let step = DVec3::from(SPRING_OFFSETS[k].map(|n| n as f64));
+            let step = DVec3::from(GridShape::SPRING_OFFSETS[k].map(|n| n as f64));
             let step = shape.axes * (shape.spacing * step) * model.length_unit / length;
             SpringKind {
                 offset: offsets[k] as isize,

@@ -80,22 +80,22 @@ impl<'a> Setup<'a> {
 
     /// Returns the equilibrium in float64. The steps are long enough for inertia to be negligible.
     fn rest(self) -> Rest {
-        let mut network = DiscreteModel::new(self.mesh, &self.material).unwrap();
+        let mut discrete_model = DiscreteModel::new(self.mesh, &self.material).unwrap();
         if let Some(kept) = self.kept {
-            network.elements_mut().unwrap().per_tet_lambda_ratio = kept;
+            discrete_model.elements_mut().unwrap().per_tet_lambda_ratio = kept;
         }
         let settings = CgSettings {
             tolerance: 1e-8,
             acceptable: 1e-2,
             max_iterations: 20_000,
         };
-        let from = network.rest_positions.clone();
-        let elements = network.elements().unwrap().clone();
-        let frame = network.frame;
+        let from = discrete_model.rest_positions.clone();
+        let elements = discrete_model.elements().unwrap().clone();
+        let frame = discrete_model.frame;
         let (mesh, material, kind) = (self.mesh.clone(), &self.material, SolverKind::Implicit);
-        let made = CpuTets::of_network(
+        let made = CpuTets::of_model(
             &gpu(),
-            (mesh, network),
+            (mesh, discrete_model),
             material,
             (kind, settings),
             Precision::Double,

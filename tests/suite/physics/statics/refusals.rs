@@ -70,16 +70,16 @@ fn cut_body_averages_volumes_on_both_sides() {
     ]);
     let change = body.cut(&blade.unwrap()).unwrap();
     assert!(!change.mesh.duplicated_nodes.is_empty());
-    let network = body.model().unwrap().clone();
-    let volume = network.elements().unwrap().volume;
+    let discrete_model = body.model().unwrap().clone();
+    let volume = discrete_model.elements().unwrap().volume;
     assert_eq!(volume, VolumetricFormulation::NodalAveraged);
     let anew = DiscreteModel::new(body.mesh(), &averaged).unwrap();
-    let pull: Vec<DVec3> = network
+    let pull: Vec<DVec3> = discrete_model
         .rest_positions
         .iter()
         .map(|x| *x + 0.1 * DVec3::new(x.y, x.x * x.z, x.x * x.x))
         .collect();
-    let energies = [&network, &anew, &whole].map(|n| n.elements().unwrap().energy(&pull));
+    let energies = [&discrete_model, &anew, &whole].map(|n| n.elements().unwrap().energy(&pull));
     println!("{energies:?}");
     assert!((energies[0] / energies[1] - 1.0).abs() < 1e-12);
     // In the uncut body, the neighbourhood of a node is on both sides of the cut.
