@@ -16,7 +16,7 @@ fn radius(p: DVec3) -> f64 {
 
 /// Returns a ring one cell thick, of n cells from inside to outside and 6n around, and its
 /// thickness.
-fn ring(n: usize) -> (TetMesh, f64) {
+pub fn ring(n: usize) -> (TetMesh, f64) {
     let [a, b] = RADII;
     let (around, thickness) = (6 * n, (b - a) / n as f64);
     let sheet = box_mesh([n, around, 1], DVec3::new(1.0, 1.0, 1.0), Split::Six).unwrap();
@@ -46,7 +46,7 @@ fn ring(n: usize) -> (TetMesh, f64) {
 
 /// Returns Lamé's displacement at radius r, m, for a pressure p inside: a²p(1+ν)/(E(b²−a²)) ((1−2ν)
 /// r + b²/r).
-fn lame(r: f64, pressure: f64, poisson: f64) -> f64 {
+pub fn lame(r: f64, pressure: f64, poisson: f64) -> f64 {
     let [a, b] = RADII;
     let front = a * a * pressure * (1.0 + poisson) / (YOUNG * (b * b - a * a));
     front * ((1.0 - 2.0 * poisson) * r + b * b / r)

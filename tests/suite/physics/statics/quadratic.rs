@@ -84,10 +84,11 @@ const COOK: [(f64, f64); 3] = [(0.3, 22.01), (0.45, 19.64), (0.49, 18.79)];
 
 #[test]
 fn quadratic_tets_do_not_lock_in_cooks_membrane() {
-    for (poisson, truth) in [COOK[0], COOK[2]] {
+    // Linear tets of the same mesh: −28 % and −59 %.
+    for ((poisson, truth), error) in [COOK[0], COOK[2]].into_iter().zip([-0.0073, -0.0375]) {
         let found = rise(8, poisson) / truth - 1.0;
         println!("ν = {poisson}: {found:+.4}");
-        assert!(found < 0.0 && found > -0.025, "{found}");
+        assert!((found - error).abs() < 5e-4, "{found}");
     }
 }
 
@@ -98,7 +99,8 @@ fn quadratic_cook_converges() {
         let found = [4, 8, 16, 32].map(|n| rise(n, poisson));
         let errors = found.map(|rise| 100.0 * (rise / truth - 1.0));
         println!("ν = {poisson}: {found:.3?}, {errors:+.3?} %");
-        assert!(errors[3].abs() < 0.5, "{errors:?}");
+        // The corners at the clamp are singular, which limits the order.
+        assert!(errors.is_sorted() && errors[3].abs() < 0.6, "{errors:?}");
     }
 }
 
@@ -123,10 +125,11 @@ fn twisted_energy(n: usize, poisson: f64) -> f64 {
 
 #[test]
 fn quadratic_twisted_beam_matches_reference() {
-    for (poisson, truth) in [(0.3, 7.50e-3), (0.49, 6.60e-3)] {
+    // Linear tets of the same mesh: +131 % and +166 %.
+    for (poisson, truth, error) in [(0.3, 7.50e-3, 0.0447), (0.49, 6.60e-3, 0.0602)] {
         let excess = twisted_energy(2, poisson) / truth - 1.0;
         println!("ν = {poisson}: {excess:+.4} excess energy");
-        assert!(excess > 0.0 && excess < 0.06, "{excess}");
+        assert!((excess - error).abs() < 1e-3, "{excess}");
     }
 }
 
@@ -134,12 +137,132 @@ fn quadratic_twisted_beam_matches_reference() {
 #[ignore = "long: scripts/test --full"]
 fn quadratic_twisted_beam_converges() {
     for (poisson, truth) in [(0.3, 7.50e-3), (0.49, 6.60e-3)] {
-        let found = [1, 2, 4].map(|n| twisted_energy(n, poisson));
+        let found = [2, 4, 8].map(|n| twisted_energy(n, poisson));
         let (order, limit) = order(found);
         println!(
             "ν = {poisson}: {found:.6?}, order {order:.2}, limit {limit:.6}, reference {truth}"
         );
         assert!((limit / truth - 1.0).abs() < 0.01, "{limit}");
+    }
+}
+
+/// Radii of the cylinder of `cylinder`, m.
+const RADII: [f64; 2] = [1.0, 2.0];
+
+/// The ring of `cylinder` with curved edges: mid-edge nodes have the mean radius of their ends.
+fn curved_ring(n: usize) -> (TetMesh, f64) {
+    let (mesh, thickness) = super::cylinder::ring(n);
+    let radii: Vec<f64> = mesh.nodes.iter().map(|p| p.truncate().length()).collect();
+    let mut refined = mesh.with_mid_edge_nodes().unwrap();
+    for (edge, v) in mesh.edges().iter().zip(mesh.nodes.len()..) {
+        let radius = 0.5 * (radii[edge[0] as usize] + radii[edge[1] as usize]);
+        let p = &mut refined.nodes[v];
+        let scale = radius / p.truncate().length();
+        *p = DVec3::new(scale * p.x, scale * p.y, p.z);
+    }
+    (refined, thickness)
+}
+
+/// Returns −p ∫ N n dA over the curved faces inside the ring, by a rule of degree 4 (Dunavant 1985).
+fn pressure_forces(mesh: &TetMesh, pressure: f64) -> Vec<DVec3> {
+    const RULE: [(f64, f64); 2] = [
+        (0.445_948_490_915_965, 0.223_381_589_678_011),
+        (0.091_576_213_509_771, 0.109_951_743_655_322),
+    ];
+    let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
+    for element in mesh.ten_node_tets().unwrap() {
+        for opposite in 0..4 {
+            let corners: Vec<usize> = (0..4).filter(|a| *a != opposite).collect();
+            let at = |i: usize| mesh.nodes[element[i] as usize];
+            let is_inside = |a: &usize| at(*a).truncate().length() < RADII[0] + 1e-9;
+            if !corners.iter().all(is_inside) {
+                continue;
+            }
+            let middle = |a: usize, b: usize| {
+                let ends = [corners[a].min(corners[b]), corners[a].max(corners[b])];
+                4 + TET_EDGES.iter().position(|edge| *edge == ends).unwrap()
+            };
+            let [a, b, c] = [corners[0], corners[1], corners[2]];
+            let nodes = [a, b, c, middle(0, 1), middle(1, 2), middle(2, 0)];
+            let x = nodes.map(at);
+            let inwards = at(opposite) - x[0];
+            for (far, weight) in RULE {
+                for k in 0..3 {
+                    let mut l = [far; 3];
+                    l[k] = 1.0 - 2.0 * far;
+                    let [p, q, r] = l;
+                    let shape = [
+                        p * (2.0 * p - 1.0),
+                        q * (2.0 * q - 1.0),
+                        r * (2.0 * r - 1.0),
+                        4.0 * p * q,
+                        4.0 * q * r,
+                        4.0 * r * p,
+                    ];
+                    // Derivatives by q and r, with p = 1 − q − r.
+                    let by_q = [
+                        1.0 - 4.0 * p,
+                        4.0 * q - 1.0,
+                        0.0,
+                        4.0 * (p - q),
+                        4.0 * r,
+                        -4.0 * r,
+                    ];
+                    let by_r = [
+                        1.0 - 4.0 * p,
+                        0.0,
+                        4.0 * r - 1.0,
+                        -4.0 * q,
+                        4.0 * q,
+                        4.0 * (p - r),
+                    ];
+                    let along =
+                        |d: [f64; 6]| -> DVec3 { x.iter().zip(d).map(|(x, d)| *x * d).sum() };
+                    let normal = 0.5 * along(by_q).cross(along(by_r));
+                    let normal = if normal.dot(inwards) > 0.0 {
+                        -normal
+                    } else {
+                        normal
+                    };
+                    for (node, n) in nodes.iter().zip(shape) {
+                        forces[element[*node] as usize] -= pressure * weight * n * normal;
+                    }
+                }
+            }
+        }
+    }
+    forces
+}
+
+/// Returns the relative root mean square error against Lamé's displacements.
+fn cylinder_error(n: usize, poisson: f64) -> f64 {
+    let (mesh, thickness) = curved_ring(n);
+    let pressure = 1e-5 * YOUNG;
+    let rest = Setup {
+        forces: pressure_forces(&mesh, pressure),
+        slides: Some(Slides::of(thickness)),
+        ..setup(&mesh, poisson)
+    }
+    .rest();
+    let (mut off, mut all) = (0.0, 0.0);
+    for (i, p) in mesh.nodes.iter().enumerate() {
+        let r = p.truncate().length();
+        let wanted = super::cylinder::lame(r, pressure, poisson) / r * DVec3::new(p.x, p.y, 0.0);
+        off += rest.moved(i).distance_squared(wanted);
+        all += wanted.length_squared();
+    }
+    (off / all).sqrt()
+}
+
+/// A smooth solution on curved elements: third order in the displacement.
+#[test]
+fn quadratic_cylinder_converges_at_third_order() {
+    for poisson in [0.3, 0.45, 0.49] {
+        let errors = [2, 4, 8].map(|n| cylinder_error(n, poisson));
+        let order = (errors[1] / errors[2]).log2();
+        let formatted = errors.map(|e| format!("{e:.1e}"));
+        println!("ν = {poisson}: {formatted:?}, order {order:.2}");
+        assert!(order > 2.6, "{errors:?}");
     }
 }
 
