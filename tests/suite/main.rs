@@ -23,6 +23,7 @@ mod scene_contact;
 mod scene_fields;
 mod scene_loads;
 mod scene_pieces;
+mod scene_quadratic;
 mod scene_reactions;
 mod scene_scan;
 mod scene_tools;
