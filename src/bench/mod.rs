@@ -24,13 +24,15 @@ mod supervise;
 mod timing;
 mod tools;
 
-pub use case::{Case, Context, Message, run_part};
+pub(crate) use case::Message;
+pub use case::{Case, Context, run_part};
 pub use golden::{GOLDEN_PICTURES, golden_picture};
 pub use machine::Machine;
 pub use report::{Reference, Report};
 pub use row::{Outcome, Row};
 pub use supervise::{Supervision, measure_all};
-pub use timing::{Spread, Timing};
+pub(crate) use timing::Spread;
+pub use timing::Timing;
 
 pub use crate::study::hold_one_end;
 

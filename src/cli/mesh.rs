@@ -4,7 +4,7 @@ use super::convert::format_of;
 use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
 use palpate::mesh::{AnatomicalFrame, Length, SurfaceDescription};
-use palpate::mesher::{MeshReport, ThresholdRange, two_digits};
+use palpate::mesher::{MeshReport, ThresholdRange};
 use palpate::meshing::{Labels, MeshingConfig, RecipeReport, RegionSummary, TargetSize};
 use palpate::number_format::significant;
 use palpate::scene::{Unit, write_pieces};
@@ -268,12 +268,10 @@ fn loss_notes(regions: &[RegionSummary], mesher: &MeshReport) -> Vec<String> {
         )
     });
     let by_edge = listed(false).map(|regions| {
-        let finer = 0.5 * mesher.edge;
-        let finer = mesher.resolving_edge.map_or(finer, |e| finer.min(e));
         format!(
             "{regions}: parts are thinner than the edge length {}; --edge {} keeps more of them",
             significant(mesher.edge),
-            two_digits(finer)
+            mesher.finer_edge()
         )
     });
     by_smoothing.into_iter().chain(by_edge).collect()

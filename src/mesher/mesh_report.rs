@@ -50,6 +50,14 @@ pub struct MeshReport {
     started: Option<Instant>,
 }
 
+impl MeshReport {
+    /// An edge length at which more thin parts are meshed, rounded down to two digits.
+    pub fn finer_edge(&self) -> f64 {
+        let half = 0.5 * self.edge;
+        super::two_digits(self.resolving_edge.map_or(half, |e| half.min(e)))
+    }
+}
+
 /// One region of a mesh.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct RegionReport {

@@ -39,8 +39,8 @@ pub use label_domain::LabelDomain;
 pub(crate) use mesh_report::peak_memory;
 pub use mesh_report::{MeshReport, RegionReport};
 pub use non_manifold::NonManifoldReport;
-pub use optimise::OptimiserReport;
-pub use small_components::IslandReport;
+pub(crate) use optimise::OptimiserReport;
+pub(crate) use small_components::IslandReport;
 pub(crate) use spacing::{MAX_OUTSIDE_RATIO, find_spacing};
 pub use threshold_domain::ThresholdDomain;
 pub use threshold_range::ThresholdRange;
@@ -330,7 +330,7 @@ fn check(options: &MeshOptions) -> Result<()> {
 }
 
 /// Rounds a positive length down to two significant digits, for advice.
-pub fn two_digits(length: f64) -> f64 {
+pub(crate) fn two_digits(length: f64) -> f64 {
     let unit = 10f64.powf(length.log10().floor() - 1.0);
     // Within rounding of the next digit.
     let digits = (length / unit + 1e-9).floor();

@@ -12,7 +12,7 @@ mod search;
 mod write;
 
 pub use motion::{Body, Cost, MotionPoint, MotionSearch};
-pub use picture::PicturePoint;
+pub(crate) use picture::PicturePoint;
 pub(crate) use picture::PictureSearch;
 pub use search::{Candidates, SearchResult};
 pub use write::{Change, EntryValue};

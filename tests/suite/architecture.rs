@@ -200,7 +200,7 @@ impl Sources {
     }
 }
 
-/// What another crate can name, by the module where it is defined: types, traits, constants and free
+/// What another crate can name, by the module where it is defined: types, traits and free
 /// functions.
 #[derive(Default)]
 struct PublicItems {
@@ -236,6 +236,7 @@ impl PublicItems {
             path.push(name.clone());
             match kind.as_str() {
                 "mod" => self.add(sources, &path),
+                "const" | "static" => {}
                 _ => drop(self.items.insert((module.to_vec(), name))),
             }
         }
@@ -255,6 +256,10 @@ impl PublicItems {
             };
             match path.split_last() {
                 Some((name, _)) if !sources.modules.contains_key(&path) => {
+                    // Constants are neither types nor functions.
+                    if !name.chars().any(char::is_lowercase) {
+                        continue;
+                    }
                     let item = (sources.home(&path, 0), name.clone());
                     self.items.insert(item);
                 }

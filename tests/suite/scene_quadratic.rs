@@ -96,19 +96,20 @@ fn order_2_is_exact_under_uniform_tension() {
         "[[force]]\non = { z_above = 0.0999 }\ntotal = [0, 0, 2]\n[[force]]\non = { z_below = 1e-4 }\ntotal = [0, 0, -2]\n"
     ));
     run(&mut stage, 60);
-    // 200 Pa on E = 2e4 Pa: a strain of 1 %.
+    // 200 Pa on E = 2e4 Pa: a strain of 1 %, whatever small rotation there is.
     let (x, rest) = (positions(&stage), stage.mesh().nodes.clone());
-    let top = |p: &DVec3| p.z > 0.0999;
-    let risen: Vec<f64> = (0..x.len())
-        .filter(|i| top(&rest[*i]))
-        .map(|i| x[i].z - rest[i].z)
+    let bottom = |p: DVec3| {
+        rest.iter()
+            .position(|q| q.distance(p - 0.1 * DVec3::Z) < 1e-9)
+    };
+    let stretches: Vec<f64> = (0..x.len())
+        .filter(|i| rest[*i].z > 0.0999)
+        .map(|i| x[i].distance(x[bottom(rest[i]).unwrap()]) - 0.1)
         .collect();
-    let mean = risen.iter().sum::<f64>() / risen.len() as f64;
-    assert!((mean / 1e-3 - 1.0).abs() < 0.03, "{mean}");
-    assert!(
-        risen.iter().all(|rise| (rise / mean - 1.0).abs() < 1e-3),
-        "{risen:?}"
-    );
+    let mean = stretches.iter().sum::<f64>() / stretches.len() as f64;
+    assert!((mean / 1e-3 - 1.0).abs() < 0.02, "{mean}");
+    let is_even = |stretch: &f64| (stretch / mean - 1.0).abs() < 5e-3;
+    assert!(stretches.iter().all(is_even), "{stretches:?}");
     let stress = field(&stage, BodyField::VonMises);
     let (low, high) = stress
         .iter()
@@ -183,7 +184,7 @@ fn tool_on_order_2_presses_as_on_a_finer_mesh() {
         run(&mut stage, 12);
         let [finger, table] = ["finger", "table"].map(|name| reaction(&mut stage, name).force);
         assert!(
-            finger.distance(table) < 0.02 * table.length(),
+            (finger + table).length() < 0.02 * table.length(),
             "{finger} {table}"
         );
         assert!(stage.end_notes().unwrap().is_empty());
@@ -272,26 +273,17 @@ size = [48, 36]
     let mut stage = stage(text);
     run(&mut stage, 10);
     let (x, mesh) = (positions(&stage), stage.mesh());
-    let label = mesh
-        .region_names
-        .iter()
-        .find(|(_, name)| name.contains("bone"));
-    let bone = *label.unwrap().0 as f64;
-    let labels = &mesh
-        .field("label", palpate::mesh::Location::Cell)
-        .unwrap()
-        .values;
-    let tets = mesh.tets.iter().zip(labels).filter(|(_, l)| **l == bone);
-    let mut nodes: Vec<usize> = tets.flat_map(|(t, _)| t.map(|v| v as usize)).collect();
-    nodes.sort_unstable();
-    nodes.dedup();
+    let model = stage.motion().unwrap().simulator.model().unwrap();
     let (low, high) = mesh.bounds();
     let size = (high - low).max_element();
-    let [a, b] = [nodes[0], nodes[nodes.len() - 1]];
-    for i in nodes {
-        for j in [a, b] {
-            let stretch = x[i].distance(x[j]) - mesh.nodes[i].distance(mesh.nodes[j]);
-            assert!(stretch.abs() < 1e-5 * size, "{stretch}");
+    assert!(!model.rigid_bodies().is_empty());
+    for body in model.rigid_bodies() {
+        let [a, b] = [body.nodes[0], body.nodes[body.nodes.len() - 1]].map(|v| v as usize);
+        for i in body.nodes.iter().map(|v| *v as usize) {
+            for j in [a, b] {
+                let stretch = x[i].distance(x[j]) - mesh.nodes[i].distance(mesh.nodes[j]);
+                assert!(stretch.abs() < 1e-5 * size, "{stretch}");
+            }
         }
     }
     let moved = (0..x.len()).map(|i| x[i].distance(mesh.nodes[i]));
@@ -347,6 +339,10 @@ fn all_schemes_hold_on_order_2() {
             .replace("\"implicit\"", &format!("\"{solver}\""))
             .replace("dt = 0.05", dt)
             .replace("tets = 162", "tets = 48")
+            .replace(
+                "density = 1000",
+                "density = 1000\ndamping_ratio = 0.05\ndamping_hz = 20",
+            )
             .replace("tolerance = 1e-7\n", "")
             .replace("gravity = [0, 0, 0]", "gravity = [0, 0, -9.81]");
         let mut stage = stage(&format!("{text}{TABLE}"));
