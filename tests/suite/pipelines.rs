@@ -78,9 +78,9 @@ fn box_scenes() -> Vec<String> {
     scenes
 }
 
-/// Creates the pipelines of a scene and of its pictures: as they are, unlit, with shadows, cut by
-/// planes, and with an isosurface. Nothing is submitted but what their preparation needs, because a
-/// software driver would compile each of them once more.
+/// Creates the pipelines of a scene's steps and of its pictures: as they are, unlit, with shadows, cut
+/// by planes, and with an isosurface. Pictures are recorded but not submitted: a software driver would
+/// compile all of their pipelines once more.
 fn prepare(gpu: &Gpu, mut scene: Scene) -> palpate::Result<()> {
     scene.picture.size = Some([64, 64]);
     let mut stage = match Stage::new(gpu, &scene) {
@@ -91,6 +91,10 @@ fn prepare(gpu: &Gpu, mut scene: Scene) -> palpate::Result<()> {
         }
         made => made?,
     };
+    // The first step creates its passes; its result is not waited for.
+    if stage.motion().is_some_and(|m| m.engine() == Engine::Gpu) {
+        stage.request_steps(1)?;
+    }
     record(gpu, &mut stage)?;
     for light in ["from = \"none\"", "shadows = 0.5"] {
         scene.light = Scene::parse(&format!("[light]\n{light}\n"))?.light;
