@@ -20,7 +20,7 @@ NUMBERS = {
     "waves": "Subgroups per SIMD",
     "instructions": "Instructions",
 }
-KEY = ["shader", "constants", "stage"]
+KEY = ["shader", "constants", "targets", "stage"]
 # Stages in the printed table.
 ROWS = 40
 
@@ -70,9 +70,9 @@ def print_table(version, rows, everything):
     rows = sorted(rows, key=lambda row: -row[f"{GPUS[0]}_registers"])
     shown = rows if everything else rows[:ROWS]
     print(f"RADV of Mesa {version}: {len(rows)} stages, the first {len(shown)} by registers")
-    print("| shader | constants | stage | " + " | ".join(
+    print("| " + " | ".join(KEY) + " | " + " | ".join(
         f"{gpu}: registers | spilled, scratch | waves | instructions" for gpu in GPUS) + " |")
-    print("| --- | --- | --- |" + " --- | --- | --- | --- |" * len(GPUS))
+    print("|" + " --- |" * len(KEY) + " --- | --- | --- | --- |" * len(GPUS))
     for row in shown:
         cells = [row[k] for k in KEY]
         for gpu in GPUS:
@@ -174,7 +174,8 @@ class Device:
     def compile(self, pipeline):
         vk = self.vk
         constants = " ".join(
-            f"{name}={value:g}" for name, value in sorted(pipeline["constants"].items()) if value)
+            f"{name}={value:g}" for name, value in sorted(pipeline["constants"].items()))
+        targets = " ".join(pipeline["targets"] + ([pipeline["depth"]] if pipeline["depth"] else []))
         stages = [self.stage(stage) for stage in pipeline["stages"]]
         layout = self.layout(pipeline["bindings"])
         made = self.draw(pipeline, stages, layout) if pipeline["targets"] or pipeline["depth"] else (
@@ -188,7 +189,8 @@ class Device:
             numbers = {text(s.name): s.value.u64 for s in self.statistics(self.device, asked)}
             row = {name: numbers.get(theirs, 0) for name, theirs in NUMBERS.items()}
             stage = text(executable.name).lower().replace(" shader", "").replace("pixel", "fragment")
-            rows.append({"shader": pipeline["shader"], "constants": constants, "stage": stage, **row})
+            rows.append({"shader": pipeline["shader"], "constants": constants, "targets": targets,
+                         "stage": stage, **row})
         return rows
 
     def stage(self, stage):

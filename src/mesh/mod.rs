@@ -37,7 +37,8 @@ pub use blade::Blade;
 pub(crate) use boundary::DisjointSets;
 pub use boundary::{BoundaryReport, components};
 pub(crate) use bvh::{Bounds, Bvh, bounds_union};
-pub use cut::{TetCut, cut, cut_elements, remove};
+pub(crate) use cut::cut_elements;
+pub use cut::{TetCut, cut, remove};
 #[cfg(test)]
 pub(crate) use edge_face_intersection::intersect_edge_face;
 pub(crate) use edge_face_intersection::{EdgeFaceIntersection, edge_face_intersections};

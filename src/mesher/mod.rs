@@ -38,7 +38,7 @@ pub use domain::{Domain, RegionVolume};
 pub use label_domain::LabelDomain;
 pub(crate) use mesh_report::peak_memory;
 pub use mesh_report::{MeshReport, RegionReport};
-pub use non_manifold::NonManifoldReport;
+pub(crate) use non_manifold::NonManifoldReport;
 pub(crate) use optimise::OptimiserReport;
 pub(crate) use small_components::IslandReport;
 pub(crate) use spacing::{MAX_OUTSIDE_RATIO, find_spacing};
@@ -330,7 +330,7 @@ fn check(options: &MeshOptions) -> Result<()> {
 }
 
 /// Rounds a positive length down to two significant digits, for advice.
-pub(crate) fn two_digits(length: f64) -> f64 {
+pub fn two_digits(length: f64) -> f64 {
     let unit = 10f64.powf(length.log10().floor() - 1.0);
     // Within rounding of the next digit.
     let digits = (length / unit + 1e-9).floor();

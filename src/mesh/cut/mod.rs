@@ -70,7 +70,7 @@ pub fn cut(
 ///
 /// # Errors
 /// As [`cut`], and an [`Error::Input`] if the tets are not pieces of elements of that order.
-pub fn cut_elements(
+pub(crate) fn cut_elements(
     mesh: &mut TetMesh,
     topology: &mut Topology,
     positions: &[DVec3],

@@ -16,7 +16,7 @@ use glam::{DMat3, DVec3};
 
 /// Number of nodes of a ten-node tet: its corners, then the middles of its edges in the order of
 /// [`TET_EDGES`].
-pub const QUADRATIC_NODES: usize = 10;
+pub(crate) const QUADRATIC_NODES: usize = 10;
 
 /// Number of quadrature points.
 pub(crate) const QUADRATURE_POINTS: usize = 4;
@@ -36,15 +36,12 @@ pub struct MidEdges {
 
 /// A ten-node tet at rest: shape function gradients at its quadrature points.
 #[derive(Clone, Debug, PartialEq)]
-pub struct QuadraticShape {
+pub(crate) struct QuadraticShape {
     /// Gradients of the ten shape functions at each point, 1/m.
     pub gradients: [[DVec3; QUADRATIC_NODES]; QUADRATURE_POINTS],
     /// Volume at rest that each point represents, m³.
     pub volumes: [f64; QUADRATURE_POINTS],
 }
-
-/// Hessian of a ten-node tet's energy: the block of nodes a and b is at `[a][b]`.
-pub(crate) type QuadraticHessian = [[DMat3; QUADRATIC_NODES]; QUADRATIC_NODES];
 
 /// Returns the barycentric coordinates of quadrature point `point`.
 pub(crate) fn quadrature_point(point: usize) -> [f64; 4] {
@@ -147,25 +144,6 @@ impl QuadraticShape {
         }
         forces
     }
-
-    /// Returns the Hessian of the energy with the nodes at `x` (m), N/m: exact, or with the negative
-    /// eigenvalues of ∂P/∂F at each point set to zero.
-    pub fn stiffness(
-        &self,
-        element: &Element,
-        (law, projected): (ConstitutiveModel, bool),
-        x: &[DVec3; QUADRATIC_NODES],
-    ) -> QuadraticHessian {
-        let mut sum = [[DMat3::ZERO; QUADRATIC_NODES]; QUADRATIC_NODES];
-        for (point, f) in self.deformation_gradients(x).iter().enumerate() {
-            let (gradients, volume) = (&self.gradients[point], self.volumes[point]);
-            let blocks = element.blocks((law, projected), f, gradients, (volume, 0.0));
-            for (sum, blocks) in sum.as_flattened_mut().iter_mut().zip(blocks.as_flattened()) {
-                *sum += *blocks;
-            }
-        }
-        sum
-    }
 }
 
 impl Elements {
@@ -251,7 +229,7 @@ impl Elements {
     }
 
     /// Returns the shape of ten-node tet `t`; `None` in a body of order 1.
-    pub fn quadratic_shape(&self, t: usize) -> Option<QuadraticShape> {
+    pub(crate) fn quadratic_shape(&self, t: usize) -> Option<QuadraticShape> {
         QuadraticShape::new(&self.quadratic_rest(t)?)
     }
 }

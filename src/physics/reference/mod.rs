@@ -1,5 +1,5 @@
 //! Reference implementation of tetrahedral bodies in float64, which the engines are tested against.
 
 pub mod integrators;
-mod linear;
+pub mod linear;
 pub mod springs;

@@ -41,14 +41,18 @@ fn bar(curved: bool) -> TetMesh {
 /// Returns K p of the reference, with exact or projected blocks.
 fn product(elements: &Elements, x: &[DVec3], p: &[DVec3], projected: bool) -> Vec<DVec3> {
     let mut out = vec![DVec3::ZERO; x.len()];
+    let with = (elements.law, projected);
     for t in 0..elements.tets.len() {
         let nodes = elements.quadratic_nodes(t).unwrap().map(|v| v as usize);
         let shape = elements.quadratic_shape(t).unwrap();
-        let with = (elements.law, projected);
-        let blocks = shape.stiffness(&elements.tets[t], with, &nodes.map(|v| x[v]));
-        for (a, row) in nodes.into_iter().zip(blocks) {
-            for (b, block) in nodes.into_iter().zip(row) {
-                out[a] += block * p[b];
+        let strains = shape.deformation_gradients(&nodes.map(|v| x[v]));
+        for (point, f) in strains.iter().enumerate() {
+            let (gradients, volume) = (&shape.gradients[point], shape.volumes[point]);
+            let blocks = elements.tets[t].blocks(with, f, gradients, (volume, 0.0));
+            for (a, row) in nodes.into_iter().zip(blocks) {
+                for (b, block) in nodes.into_iter().zip(row) {
+                    out[a] += block * p[b];
+                }
             }
         }
     }
