@@ -9,7 +9,7 @@
 // The latest change of the velocities.
 @group(0) @binding(next) var direction: texture_2d<f32>;
 // The velocities at which friction takes its normal forces (lagged friction).
-@group(0) @binding(next) var friction_velocities: texture_2d<f32>;
+@group(0) @binding(next) var lagged_velocities: texture_2d<f32>;
 @group(0) @binding(next) var<storage, read> contact_state: ContactStepState;
 
 struct ContactParams {

@@ -52,7 +52,7 @@ struct ContactStepState {
     newton_iteration: u32,
     friction_updates: u32,
     // 1 if the next accepted state becomes the friction state.
-    update_friction: u32,
+    update_lagged_friction: u32,
     done: u32,
     // Number of batches of eight conjugate gradient iterations used.
     cg_batches: u32,

@@ -14,7 +14,7 @@ struct AcceptParams {
 @group(0) @binding(3) var<storage, read> contact_state: ContactStepState;
 @group(0) @binding(4) var next_positions: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(5) var next_velocities: texture_storage_2d<rgba32float, write>;
-@group(0) @binding(6) var friction_velocities: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(6) var lagged_velocities: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(7) var<uniform> params: AcceptParams;
 
 @compute @workgroup_size(WORKGROUP)
@@ -26,8 +26,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     let velocity = textureLoad(trial_velocities, array_texel(i), 0);
     textureStore(next_positions, array_texel(i), textureLoad(trial_positions, array_texel(i), 0));
     textureStore(next_velocities, array_texel(i), velocity);
-    if contact_state.update_friction != 0u {
+    if contact_state.update_lagged_friction != 0u {
         // Before the first system: the start of the step.
-        textureStore(friction_velocities, array_texel(i), select(velocity, vec4(0.0), contact_state.is_first_system != 0u));
+        textureStore(lagged_velocities, array_texel(i), select(velocity, vec4(0.0), contact_state.is_first_system != 0u));
     }
 }

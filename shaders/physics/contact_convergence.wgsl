@@ -45,8 +45,8 @@ fn main(@builtin(local_invocation_index) lane: u32) {
         return;
     }
     status.solving = 1u;
-    let friction_was_updated = contact_state.update_friction != 0u;
-    contact_state.update_friction = 0u;
+    let friction_was_updated = contact_state.update_lagged_friction != 0u;
+    contact_state.update_lagged_friction = 0u;
     let touches = total.z > 0.0;
     let had_no_contact = contact_state.had_no_contact != 0u;
     contact_state.had_no_contact = select(1u, 0u, touches);
@@ -86,5 +86,5 @@ fn main(@builtin(local_invocation_index) lane: u32) {
         }
         return;
     }
-    contact_state.update_friction = select(0u, 1u, can_update_friction && residual_squared <= FRICTION_UPDATE_RESIDUAL_RATIO * target_squared);
+    contact_state.update_lagged_friction = select(0u, 1u, can_update_friction && residual_squared <= FRICTION_UPDATE_RESIDUAL_RATIO * target_squared);
 }

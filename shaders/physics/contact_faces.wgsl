@@ -69,9 +69,9 @@ fn velocity_changes_of(nodes: vec4<u32>) -> mat3x3<f32> {
 
 fn friction_velocities_of(nodes: vec4<u32>) -> mat3x3<f32> {
     return mat3x3(
-        textureLoad(friction_velocities, array_texel(nodes.x), 0).xyz,
-        textureLoad(friction_velocities, array_texel(nodes.y), 0).xyz,
-        textureLoad(friction_velocities, array_texel(nodes.z), 0).xyz,
+        textureLoad(lagged_velocities, array_texel(nodes.x), 0).xyz,
+        textureLoad(lagged_velocities, array_texel(nodes.y), 0).xyz,
+        textureLoad(lagged_velocities, array_texel(nodes.z), 0).xyz,
     );
 }
 

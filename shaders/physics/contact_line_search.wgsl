@@ -76,7 +76,7 @@ fn main(@builtin(local_invocation_index) lane: u32) {
         return;
     }
     contact_state.activation_distance = select(0.0, ACTIVATION_SHRINK * contact_state.activation_distance, ACTIVATION_SHRINK * contact_state.activation_distance > min_gap);
-    if contact_state.update_friction != 0u {
+    if contact_state.update_lagged_friction != 0u {
         contact_state.friction_updates += 1u;
         for (var k = 0u; k < arrayLength(&tools); k++) {
             tools[k].friction_position = tools[k].current_position;

@@ -28,7 +28,7 @@ fn velocity_change_at(at: ContactPoint) -> vec3<f32> {
 }
 
 fn friction_velocity_at(at: ContactPoint) -> vec3<f32> {
-    return textureLoad(friction_velocities, at.node, 0).xyz;
+    return textureLoad(lagged_velocities, at.node, 0).xyz;
 }
 
 @compute @workgroup_size(WORKGROUP)

@@ -10,7 +10,7 @@ mod map;
 mod session;
 mod setup;
 mod site;
-mod table;
+mod support_table;
 mod validity;
 
 pub use curve::{Bed, PressConditions, PressReport, PressSample};

@@ -119,7 +119,7 @@ impl PressSession {
     ///
     /// # Errors
     /// [`Error::Input`] without a placed fingertip.
-    pub fn aim(&mut self, motion: &mut Motion, depth: f64) -> Result<()> {
+    pub fn set_target_depth(&mut self, motion: &mut Motion, depth: f64) -> Result<()> {
         let contact = self.contact.as_mut().ok_or_else(not_placed)?;
         motion.set_tool_target(self.setup.tool, contact.place(depth))?;
         contact.depth = depth;
@@ -127,7 +127,7 @@ impl PressSession {
         Ok(())
     }
 
-    /// Returns the force at the depth of [`PressSession::aim`], after the step, and adds it to the
+    /// Returns the force at the depth of [`PressSession::set_target_depth`], after the step, and adds it to the
     /// curve.
     ///
     /// # Errors
@@ -170,7 +170,7 @@ impl PressSession {
                 true => depth,
                 false => start + (depth - start) * f64::from(done + 1) / f64::from(parts),
             };
-            self.aim(motion, next)?;
+            self.set_target_depth(motion, next)?;
             match motion.run(1, &mut |_| {}) {
                 Ok(()) => {
                     reached = next;
@@ -207,11 +207,11 @@ impl PressSession {
     ) -> Result<bool> {
         let before = self.depth().ok_or_else(not_placed)?;
         let next = self.next_depth(goal);
-        self.aim(motion, next)?;
+        self.set_target_depth(motion, next)?;
         match motion.run(1, &mut |_| {}) {
             Ok(()) => self.measure(motion, phase).map(|_| true),
             Err(Error::Solver { .. }) if next > before => {
-                self.aim(motion, before)?;
+                self.set_target_depth(motion, before)?;
                 Ok(false)
             }
             Err(error) => Err(error),

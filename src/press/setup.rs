@@ -1,7 +1,7 @@
 //! The scene of a press: a body on a table, with a fingertip.
 
 use super::site::PressSite;
-use super::table::Table;
+use super::support_table::Table;
 use crate::mesh::{TetMesh, Topology};
 use crate::number_format::significant;
 use crate::physics::{Engine, EngineChoice, SolverKind};

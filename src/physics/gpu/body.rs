@@ -432,7 +432,7 @@ impl GpuBody {
             self.write_forces()?;
         }
         if first || known.constraints != versions.constraints {
-            self.flush_masses()?;
+            self.upload_masses_and_fixed_nodes()?;
         }
         if let Some(contact) = self
             .contact
@@ -446,7 +446,7 @@ impl GpuBody {
     }
 
     /// Uploads the masses with the constrained nodes.
-    pub(in crate::physics) fn flush_masses(&self) -> Result<()> {
+    pub(in crate::physics) fn upload_masses_and_fixed_nodes(&self) -> Result<()> {
         let masses = self.model.masses.iter().zip(self.loads.constrained_nodes());
         let mut masses: Vec<[f32; 2]> = masses
             .map(|(mass, held)| self.local_mass(*mass, held))

@@ -52,7 +52,7 @@ pub(in crate::physics) mod gpu_data {
             pub is_first_system: u32,
             pub newton_iteration: u32,
             pub friction_updates: u32,
-            pub update_friction: u32,
+            pub update_lagged_friction: u32,
             pub done: u32,
             pub cg_batches: u32,
             pub line_search_trials: u32,

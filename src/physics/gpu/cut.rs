@@ -118,7 +118,7 @@ impl GpuBody {
             let was = self.rigid.is_some();
             self.rigid = GpuRigid::new(&self.gpu, &self.model, made_of)?;
             if was {
-                self.flush_masses()?;
+                self.upload_masses_and_fixed_nodes()?;
             }
         }
         self.generation += 1;

@@ -102,7 +102,7 @@ pub(in crate::physics) struct ContactPasses {
     trial_positions: Array,
     trial_velocities: Array,
     /// Velocities at which the normal forces of lagged friction are evaluated.
-    pub friction_velocities: Array,
+    pub lagged_velocities: Array,
     pub step_bounds: wgpu::Buffer,
     slopes: wgpu::Buffer,
 }
@@ -176,7 +176,7 @@ impl<'a> ContactContext<'a> {
         let faces = pass
             .read(velocities)
             .read(&self.start.velocities)
-            .read(&steps.friction_velocities)
+            .read(&steps.lagged_velocities)
             .read(&contact.contact_state)
             .params(&face_params)
             .read(&contact.corners)
@@ -187,7 +187,7 @@ impl<'a> ContactContext<'a> {
         let nodes = pass
             .read(velocities)
             .read(&self.start.velocities)
-            .read(&steps.friction_velocities)
+            .read(&steps.lagged_velocities)
             .read(&contact.contact_state)
             .params(&node_params)
             .read(&contact.boundary_nodes)
@@ -214,7 +214,7 @@ impl ContactPasses {
         Ok(ContactPasses {
             trial_positions: vector("trial positions")?,
             trial_velocities: vector("trial velocities")?,
-            friction_velocities: vector("friction velocities")?,
+            lagged_velocities: vector("friction velocities")?,
             step_bounds: gpu.buffer("step bounds", 8 * u64::from(core.groups))?,
             slopes: gpu.buffer("partial slopes", 16 * u64::from(core.groups))?,
         })
@@ -426,7 +426,7 @@ impl ContactPasses {
             .read(&with.contact.contact_state)
             .write(x)
             .write(v)
-            .write(&self.friction_velocities)
+            .write(&self.lagged_velocities)
             .params(&params)
             .dispatch_items(with.core.nodes)
     }

@@ -78,7 +78,7 @@ impl GpuRigid {
         let mut texels = vec![[0.0f32; 4]; arms.len()];
         let (mut members, mut bodies) = (Vec::new(), Vec::with_capacity(rigid.len()));
         for (b, body) in rigid.iter().enumerate() {
-            let moments = MassProperties::of(model, body, units)?;
+            let moments = MassProperties::from_nodes(model, body, units)?;
             let first = members.len() as u32;
             for v in &body.nodes {
                 let i = *v as usize;

@@ -104,7 +104,7 @@ impl GpuBody {
         // Everything is recomputed except the external forces, which grabs and callers write on the
         // GPU.
         self.grabs = GrabLists::new(&self.gpu, &self.loads, |_| 1.0)?;
-        self.flush_masses()?;
+        self.upload_masses_and_fixed_nodes()?;
         if let Some(contact) = &mut self.contact {
             contact.reset_tools(&self.loads);
         }

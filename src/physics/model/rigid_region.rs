@@ -66,7 +66,7 @@ impl MassProperties {
     ///
     /// # Errors
     /// [`Error::Input`] if the body is massless or flat.
-    pub fn of(
+    pub fn from_nodes(
         model: &DiscreteModel,
         body: &RigidBody,
         units: &LocalUnits,

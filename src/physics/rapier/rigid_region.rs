@@ -64,7 +64,7 @@ impl RigidRegion {
         scale: Scale,
     ) -> Result<RigidRegion> {
         let units = LocalUnits::from_model(model);
-        let moments = RegionMass::of(model, body, &units)?;
+        let moments = RegionMass::from_nodes(model, body, &units)?;
         let centre = moments.centre * units.length;
         let masses = body.nodes.iter().map(|v| model.masses[*v as usize]);
         let masses: Vec<f64> = masses.collect();

@@ -6,7 +6,7 @@ mod picture;
 
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
-use super::table::Table;
+use super::support_table::Table;
 use super::{DEPTH, validity};
 use crate::gpu::Gpu;
 use crate::mesh::Topology;

@@ -42,7 +42,7 @@ impl LabelIndex {
     /// Collects the labels of `volume`.
     pub fn of(volume: &Volume) -> Result<LabelIndex> {
         let found = parallel::collect(volume.voxels(), |range, parts| {
-            let mut own: Option<BTreeSet<i64>> = Some(BTreeSet::new());
+            let mut chunk_labels: Option<BTreeSet<i64>> = Some(BTreeSet::new());
             let mut last = None;
             for n in range {
                 let value = volume.value(n);
@@ -51,12 +51,13 @@ impl LabelIndex {
                 }
                 last = Some(value);
                 let whole = value.fract() == 0.0 && value.abs() < 1e15;
-                own = own.filter(|own| whole && own.len() <= MAX_LABELS);
-                if let Some(own) = &mut own {
-                    own.insert(value as i64);
+                chunk_labels =
+                    chunk_labels.filter(|chunk_labels| whole && chunk_labels.len() <= MAX_LABELS);
+                if let Some(chunk_labels) = &mut chunk_labels {
+                    chunk_labels.insert(value as i64);
                 }
             }
-            parts.push(own);
+            parts.push(chunk_labels);
         });
         let mut all = BTreeSet::new();
         for part in found {

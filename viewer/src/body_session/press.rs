@@ -108,7 +108,7 @@ impl BodySession {
         ) {
             press.previous = session.depth().unwrap_or(press.previous);
             press.stepped = true;
-            session.aim(motion, session.next_depth(press.target))?;
+            session.set_target_depth(motion, session.next_depth(press.target))?;
             self.asked[1] = self.asked[0].take();
         }
         Ok(())
@@ -132,7 +132,7 @@ impl BodySession {
         press.most = press.previous;
         press.stepped = false;
         self.stirred = true;
-        session.aim(motion, press.previous).is_ok()
+        session.set_target_depth(motion, press.previous).is_ok()
     }
 
     /// Records a sample and parks a retracted finger; call between two steps.

@@ -192,21 +192,21 @@ fn inverse_order(order: &[u32]) -> Vec<u32> {
 fn material_term<T: Real>(
     network: &DiscreteModel,
     kind: SolverKind,
-    with: (&[u32], LocalUnits, &Partition),
+    layout: (&[u32], LocalUnits, &Partition),
 ) -> Box<dyn Term<T>> {
     match &network.discretisation {
-        Discretisation::Springs(springs) => Box::new(Springs::new(network, springs, with)),
+        Discretisation::Springs(springs) => Box::new(Springs::new(network, springs, layout)),
         Discretisation::Elements(elements) => {
             let implicit = kind.is_implicit();
             match elements.order() {
                 1 => Box::new(ElementTerm::<T, TetBatch<T>>::new(
                     (network, elements),
-                    with,
+                    layout,
                     implicit,
                 )),
                 _ => Box::new(ElementTerm::<T, QuadraticBatch<T>>::new(
                     (network, elements),
-                    with,
+                    layout,
                     implicit,
                 )),
             }
@@ -216,8 +216,8 @@ fn material_term<T: Real>(
 
 /// Returns the stopping criteria of Newton's method and the scheme of a solver.
 fn newton_settings(kind: SolverKind, settings: CgSettings) -> (NewtonSettings, ImplicitScheme) {
-    let own = settings.tolerance != CgSettings::default().tolerance;
-    let newton = match (own, kind) {
+    let has_custom_tolerance = settings.tolerance != CgSettings::default().tolerance;
+    let newton = match (has_custom_tolerance, kind) {
         (true, _) => NewtonSettings::with_tolerance(settings.tolerance),
         // The midpoint rule does not damp the errors of an inexact solve.
         (false, SolverKind::Midpoint) => NewtonSettings::with_tolerance(MIDPOINT_TOLERANCE),

@@ -178,7 +178,7 @@ impl<T: Real> CpuBody<T> {
                 contact.set_tool_fraction(0.0);
                 return;
             }
-            contact.update_friction(&self.state.u);
+            contact.update_lagged_friction(&self.state.u);
             contact.commit_tools();
             near |= !contact.contact_points.is_empty();
         }

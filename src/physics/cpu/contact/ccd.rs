@@ -55,7 +55,7 @@ impl<T: Real> ToolContact<T> {
         if self.contact_points.is_empty() {
             return 0;
         }
-        self.update_friction(u);
+        self.update_lagged_friction(u);
         let max_travel_of =
             |tool: &ToolState| tool.max_travel(self.hull.max_distance_from(tool.from.position, u));
         let travel = self.tools.iter().map(max_travel_of).fold(0.0, f64::max);
@@ -112,13 +112,13 @@ impl<T: Real> ToolContact<T> {
         let moved = self.hull.max_displacement_since(to);
         if moved > self.hull.margin {
             self.build_candidates(from, with, 2.0 * moved);
-            self.update_friction(from);
+            self.update_lagged_friction(from);
         }
-        let ways = self.contact_points.iter().map(|s| {
+        let times_of_impact = self.contact_points.iter().map(|s| {
             let ends = [self.point(s, from), self.point(s, to)];
             point_tool_toi(&self.tools[s.tool as usize], ends)
         });
-        ways.fold(1.0, f64::min)
+        times_of_impact.fold(1.0, f64::min)
     }
 
     /// Whether any point penetrates a tool by more than its stiffness explains.
@@ -170,8 +170,8 @@ impl<T: Real> ToolContact<T> {
                 continue;
             }
             let touch = tool.touch(p);
-            let moves = |(i, w): (usize, f64)| w * w * free[i].to_f64();
-            let all: f64 = s.corners().map(moves).sum();
+            let mobility = |(i, w): (usize, f64)| w * w * free[i].to_f64();
+            let all: f64 = s.corners().map(mobility).sum();
             let push_out = PUSH_OUT_TO * tool.gap - touch.distance;
             for (i, w) in s.corners().filter(|(i, _)| free[*i] > T::ZERO) {
                 *pushed.entry(i).or_default() += push_out * w / all * touch.normal;
@@ -201,17 +201,17 @@ fn point_tool_toi(tool: &ToolState, [a, b]: [DVec3; 2]) -> f64 {
     if allowed_penetration.is_infinite() || initial_clearance <= 0.0 {
         return 1.0;
     }
-    let (mut t, mut free) = (0.0, initial_clearance);
+    let (mut t, mut clearance) = (0.0, initial_clearance);
     for _ in 0..MAX_POINT_CCD_ITERATIONS {
-        if length * (1.0 - t) <= free {
+        if length * (1.0 - t) <= clearance {
             return 1.0;
         }
         // Converged.
-        if free <= 1e-2 * initial_clearance.min(allowed_penetration) {
+        if clearance <= 1e-2 * initial_clearance.min(allowed_penetration) {
             break;
         }
-        t += free / length;
-        free = tool.distance(a.lerp(b, t)) + allowed_penetration;
+        t += clearance / length;
+        clearance = tool.distance(a.lerp(b, t)) + allowed_penetration;
     }
     t
 }

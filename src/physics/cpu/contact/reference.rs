@@ -80,7 +80,7 @@ impl ReferenceToolContact {
         time: f64,
     ) -> Vec<[DVec3; 2]> {
         self.begin(u, free, paths, (time, 0.0));
-        self.contact.update_friction(u);
+        self.contact.update_lagged_friction(u);
         self.contact.reactions(StateRef { u, v })
     }
 

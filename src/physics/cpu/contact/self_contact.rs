@@ -114,7 +114,7 @@ impl<T: Real> SelfContactTerm<T> {
         self.find_intersections(with.0, with.2);
         self.lagged_friction.clear();
         self.select_candidates(with, rigid, moved, CANDIDATE_MARGIN * self.surface.edge());
-        self.update_friction(with.0);
+        self.update_lagged_friction(with.0);
         !self.is_empty()
     }
 
@@ -257,7 +257,7 @@ impl<T: Real> SelfContactTerm<T> {
 
     /// Stores the normal forces and normals at `u` for friction. Returns the relative change of the
     /// forces.
-    pub fn update_friction(&mut self, u: &[V4<T>]) -> f64 {
+    pub fn update_lagged_friction(&mut self, u: &[V4<T>]) -> f64 {
         if self.friction == 0.0 {
             return 0.0;
         }

@@ -200,7 +200,7 @@ impl<T: Real> ToolContact<T> {
 
     /// Stores the normal forces, normals and tool velocities at the displacements `u` for friction.
     /// Returns the relative change of the forces.
-    pub fn update_friction(&mut self, u: &[V4<T>]) -> f64 {
+    pub fn update_lagged_friction(&mut self, u: &[V4<T>]) -> f64 {
         let mut lagged_friction = std::mem::take(&mut self.lagged_friction);
         lagged_friction.resize(self.contact_points.len(), ToolFriction::default());
         let (mut change, mut all) = (0.0, 0.0);

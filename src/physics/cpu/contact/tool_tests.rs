@@ -212,7 +212,7 @@ fn differences<T: Real>(pressed: &mut Pressed<T>, u: &[V4<T>], v: &[V4<T>]) -> [
     let contact = tool_contact_mut(&mut pressed.body.terms).unwrap();
     assert_eq!(contact.begin(u, (&free, &plan), (0.1, 0.5)), 1);
     contact.set_tool_fraction(1.0);
-    assert!(contact.update_friction(u) > 0.0);
+    assert!(contact.update_lagged_friction(u) > 0.0);
     assert!(contact.has_contact(u));
     let n = u.len();
     let (count, h) = (plan.chunks(), 1e-7);

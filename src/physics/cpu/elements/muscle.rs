@@ -187,12 +187,12 @@ impl<T: Real> Term<T> for MuscleTerm<T> {
         }
         for rows in &self.chunks {
             for (_, i, span) in rows.each() {
-                let mut own = T::ZERO;
+                let mut diagonal_entry = T::ZERO;
                 rows.coupling[span.clone()]
                     .iter()
-                    .for_each(|tie| own -= *tie);
+                    .for_each(|tie| diagonal_entry -= *tie);
                 for d in &mut share.diagonal[i][..3] {
-                    *d += self.scale * own;
+                    *d += self.scale * diagonal_entry;
                 }
                 let kv = scale(self.activation, rows.coupling_product(i, span, at.v));
                 share.stiffness_velocity[i] = sub(share.stiffness_velocity[i], kv);

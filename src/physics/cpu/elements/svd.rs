@@ -46,8 +46,8 @@ fn rotate<L: Lane>(a: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize)
     let (one, four) = (L::splat(1.0), L::splat(4.0));
     let d = a[q][q] - a[p][p];
     let apq = a[p][q];
-    let reach = d.abs() + (d * d + four * apq * apq).sqrt();
-    let t = (apq + apq) / reach.select_greater(L::splat(0.0), reach, one);
+    let denominator = d.abs() + (d * d + four * apq * apq).sqrt();
+    let t = (apq + apq) / denominator.select_greater(L::splat(0.0), denominator, one);
     let t = L::splat(0.0).select_greater(d, -t, t);
     let c = one / (t * t + one).sqrt();
     let s = t * c;
@@ -71,9 +71,11 @@ fn rotate<L: Lane>(a: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: usize, q: usize)
 fn diagonalise<L: Lane>(a: &mut LaneMat3<L>) -> LaneMat3<L> {
     let mut v = add_identity(&[[L::splat(0.0); 3]; 3]);
     for _ in 0..L::SWEEPS {
-        let own = a[0][0] * a[0][0] + a[1][1] * a[1][1] + a[2][2] * a[2][2];
-        let rest = a[0][1] * a[0][1] + a[0][2] * a[0][2] + a[1][2] * a[1][2];
-        if !rest.any_above(own * L::splat(L::OFF_DIAGONAL_TOLERANCE)) {
+        let diagonal_norm_squared = a[0][0] * a[0][0] + a[1][1] * a[1][1] + a[2][2] * a[2][2];
+        let off_diagonal_norm_squared = a[0][1] * a[0][1] + a[0][2] * a[0][2] + a[1][2] * a[1][2];
+        if !off_diagonal_norm_squared
+            .any_above(diagonal_norm_squared * L::splat(L::OFF_DIAGONAL_TOLERANCE))
+        {
             break;
         }
         rotate(a, &mut v, 0, 1);
@@ -90,13 +92,13 @@ fn orthogonalise_columns<L: Lane>(w: &mut LaneMat3<L>, v: &mut LaneMat3<L>, p: u
     let (zero, one) = (L::splat(0.0), L::splat(1.0));
     let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
     let d = b - a;
-    let reach = d.abs() + (d * d + L::splat(4.0) * c * c).sqrt();
-    let t = (c + c) / reach.select_greater(zero, reach, one);
+    let denominator = d.abs() + (d * d + L::splat(4.0) * c * c).sqrt();
+    let t = (c + c) / denominator.select_greater(zero, denominator, one);
     let t = zero.select_greater(d, -t, t);
     // Squares of small stretches stay in the range of f32 if the stretches are above 1e-9.
-    let skew = (c * c).select_greater(L::splat(L::ORTHOGONALITY_TOLERANCE) * a * b, t, zero);
-    let cos = one / (skew * skew + one).sqrt();
-    let sin = skew * cos;
+    let tan_theta = (c * c).select_greater(L::splat(L::ORTHOGONALITY_TOLERANCE) * a * b, t, zero);
+    let cos = one / (tan_theta * tan_theta + one).sqrt();
+    let sin = tan_theta * cos;
     for m in [w, v] {
         let (x, y) = (m[p], m[q]);
         m[p] = std::array::from_fn(|i| cos * x[i] - sin * y[i]);
@@ -116,11 +118,11 @@ impl<L: Lane> Svd<L> {
         let mut w = v.map(|v| times(&f, v));
         // For a tetrahedron that is nearly a line or a point, the strain is not accurate enough.
         for _ in 0..3 {
-            let skew = |p: usize, q: usize| {
+            let is_not_orthogonal = |p: usize, q: usize| {
                 let (a, b, c) = (dot(w[p], w[p]), dot(w[q], w[q]), dot(w[p], w[q]));
                 (c * c).any_above(L::splat(L::ORTHOGONALITY_TOLERANCE) * a * b)
             };
-            if !(skew(0, 1) || skew(0, 2) || skew(1, 2)) {
+            if !(is_not_orthogonal(0, 1) || is_not_orthogonal(0, 2) || is_not_orthogonal(1, 2)) {
                 break;
             }
             for (p, q) in [(0, 1), (0, 2), (1, 2)] {

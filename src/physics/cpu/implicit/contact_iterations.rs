@@ -375,16 +375,17 @@ impl<T: Real> NewtonSolver<T> {
 
     /// Updates the lagged normal forces of friction from the best trial, and re-evaluates it.
     /// Returns whether they changed significantly.
-    pub(in crate::physics::cpu) fn update_friction(
+    pub(in crate::physics::cpu) fn update_lagged_friction(
         &mut self,
         context: &StepContext<'_, T>,
         terms: &mut [Box<dyn Term<T>>],
         coefficients: StepCoefficients,
     ) -> bool {
-        let self_change = self_contact_mut(terms)
-            .map_or(0.0, |term| term.update_friction(&self.best.displacements));
-        let change =
-            tool_contact_mut(terms).map_or(0.0, |c| c.update_friction(&self.best.displacements));
+        let self_change = self_contact_mut(terms).map_or(0.0, |term| {
+            term.update_lagged_friction(&self.best.displacements)
+        });
+        let change = tool_contact_mut(terms)
+            .map_or(0.0, |c| c.update_lagged_friction(&self.best.displacements));
         let change = change.max(self_change);
         if change > 0.0 {
             let (best, scratch) = (&mut self.best, &mut self.forces);

@@ -156,7 +156,7 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
                 State::EvaluateResidual => self.evaluate_residual(),
                 State::ResumeMotion => self.resume_motion(),
                 State::CheckResidual => self.check_residual(),
-                State::UpdateFriction => self.update_friction(),
+                State::UpdateFriction => self.update_lagged_friction(),
                 State::Solve => self.solve(),
                 State::Search(direction) => self.search(direction),
                 State::CheckDecrease(direction, found) => self.check_decrease(direction, found),
@@ -221,10 +221,10 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
         }
     }
 
-    fn update_friction(&mut self) -> State {
+    fn update_lagged_friction(&mut self) -> State {
         self.friction_updates += 1;
         let newton = &mut *self.newton;
-        if newton.update_friction(self.context, self.terms, self.coefficients) {
+        if newton.update_lagged_friction(self.context, self.terms, self.coefficients) {
             self.compute_residual();
         } else {
             self.friction_updates = MAX_FRICTION_UPDATES;

@@ -97,7 +97,7 @@ impl RigidLayout {
             let own = (count + PROXY_NODES * b) as u32;
             lumps.order.extend(own..own + PROXY_NODES as u32);
             lumps.group_starts.push(lumps.order.len());
-            let one = MassProperties::of(network, body, units)?;
+            let one = MassProperties::from_nodes(network, body, units)?;
             let (arms, spread) = carriers(&one);
             let places = arms.map(|r| (one.centre + r) * units.length);
             extended.rest_positions.extend(places);
