@@ -87,6 +87,27 @@ def test_rendered_positions_follow_the_body(bar: palpate.Body) -> None:
     assert renderer.field_info[0] == "displacement"
 
 
+def test_quadratic_tets_bend_more_and_keep_the_nodes_of_the_mesh() -> None:
+    mesh = palpate.Mesh.generate("bar", tets=600)
+    drops = []
+    for order in (1, 2):
+        body = palpate.Body(
+            mesh,
+            material=palpate.Material(young=3e4, poisson=0.49, density=1000.0, order=order),
+            pin=[{"axis": "x", "below": 0.02}],
+            gravity=(0.0, 0.0, -9.81),
+        )
+        simulator = palpate.Simulator(body, engine="cpu", dt=10.0)
+        simulator.advance(10)
+        count = len(mesh.nodes)
+        drops.append((mesh.nodes[:, 2] - simulator.positions[:count, 2]).max())
+        assert (len(simulator.positions) > count) == (order == 2)
+    # Linear tets lock at this ratio.
+    assert drops[1] > 1.5 * drops[0]
+    with pytest.raises(palpate.InputError, match="order 3"):
+        palpate.Simulator(palpate.Body(mesh, material=palpate.Material(order=3)), dt=0.01)
+
+
 def test_failed_step_keeps_last_valid_state() -> None:
     body = palpate.Body(
         palpate.Mesh.generate("bar", tets=300),
