@@ -78,8 +78,8 @@ fn box_scenes() -> Vec<String> {
     scenes
 }
 
-/// Creates the pipelines of a scene's steps and of its pictures: as they are, unlit, with shadows, cut
-/// by planes, and with an isosurface. Pictures are recorded but not submitted: a software driver would
+/// Creates the pipelines of a scene's steps and of its pictures: as they are, nearly opaque, unlit, with
+/// shadows, cut by planes, and with an isosurface. Pictures are recorded but not submitted: a software driver would
 /// compile all of their pipelines once more.
 fn prepare(gpu: &Gpu, mut scene: Scene) -> palpate::Result<()> {
     scene.picture.size = Some([64, 64]);
@@ -95,6 +95,8 @@ fn prepare(gpu: &Gpu, mut scene: Scene) -> palpate::Result<()> {
     if stage.motion().is_some_and(|m| m.engine() == Engine::Gpu) {
         stage.request_steps(1)?;
     }
+    record(gpu, &mut stage)?;
+    stage.set_appearance(&opaque(&scene))?;
     record(gpu, &mut stage)?;
     for light in ["from = \"none\"", "shadows = 0.5"] {
         scene.light = Scene::parse(&format!("[light]\n{light}\n"))?.light;
@@ -117,6 +119,19 @@ fn prepare(gpu: &Gpu, mut scene: Scene) -> palpate::Result<()> {
         record(gpu, &mut stage)?;
     }
     Ok(())
+}
+
+/// Returns a scene with segments so deep that the look-ups of the table are subdivided.
+fn opaque(scene: &Scene) -> Scene {
+    let dense = r#"{"colour": [[0, 1, 1, 1]], "extinction": [[0, 10000]]}"#;
+    let mut scene = scene.clone();
+    match &mut scene.scan[..] {
+        [] => scene.picture.transfer = Some(dense.into()),
+        scans => scans
+            .iter_mut()
+            .for_each(|scan| scan.transfer = Some(dense.into())),
+    }
+    scene
 }
 
 fn record(gpu: &Gpu, stage: &mut Stage) -> palpate::Result<()> {
