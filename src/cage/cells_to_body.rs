@@ -5,8 +5,7 @@ use crate::generate::{Grid, Split, grid};
 use crate::mesh::{LocalFrame, TET_EDGES, TetMesh};
 use crate::physics::grid::{GridModel, GridShape, SPRING_KINDS, isotropic_stiffness};
 use crate::physics::{
-    ConstitutiveModel, DiscreteModel, Discretisation, Edge, Element, Elements, Material,
-    SpringNetwork,
+    ConstitutiveModel, DiscreteModel, Discretisation, Edge, Element, Material, SpringNetwork,
 };
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -121,12 +120,7 @@ pub(super) fn lattice(cells: &Cells, fine: &DiscreteModel) -> Result<(TetMesh, D
         .collect();
     let mut discrete_model = damped_as(fine, frame, rest, masses, edges);
     if let Some(fine) = fine.elements() {
-        discrete_model.discretisation = Discretisation::Elements(Elements {
-            tets: elements,
-            mid_edges: Vec::new(),
-            rigid: Vec::new(),
-            ..*fine
-        });
+        discrete_model.discretisation = Discretisation::Elements(fine.with_linear_tets(elements));
     }
     Ok((mesh, discrete_model))
 }

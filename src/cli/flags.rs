@@ -2,7 +2,6 @@
 
 use super::volume_flag::{self, VolumeFlag};
 use clap::Args;
-use palpate::Error;
 use palpate::annotate::Axes;
 use palpate::mesh::{AnatomicalFrame, ElementOrder};
 use palpate::physics::{EngineChoice, MaterialModel};
@@ -209,7 +208,7 @@ pub struct SceneFlags {
     pub volume: Vec<VolumeFlag>,
     /// Set the order of the finite elements: 1 (linear tets) or 2 (quadratic tets, which need far
     /// fewer tets for the same error; on the CPU) [default: 1]
-    #[arg(long, value_name = "N", help_heading = "Physics", value_parser = order)]
+    #[arg(long, value_name = "N", help_heading = "Physics", value_parser = super::order_flag::order)]
     pub order: Option<ElementOrder>,
     /// Set the density, in kg/m³
     #[arg(long, help_heading = "Physics")]
@@ -496,14 +495,4 @@ fn unit(text: &str) -> Result<Unit, String> {
         Err(_) => Unit::Name(text.to_owned()),
     };
     unit.metres().map(|_| unit).map_err(|e| e.to_string())
-}
-
-/// Parses the order of the elements.
-pub fn order(text: &str) -> palpate::Result<ElementOrder> {
-    let number = text.parse().map_err(|_| {
-        Error::Input(format!(
-            "expected 1 (linear tets) or 2 (quadratic tets), got \"{text}\""
-        ))
-    });
-    ElementOrder::from_number(number?)
 }

@@ -232,6 +232,26 @@ impl Material {
         }
     }
 
+    /// Checks that the material supports its order.
+    fn check_order(&self) -> Result<()> {
+        if self.order == ElementOrder::Linear {
+            return Ok(());
+        }
+        if self.model == MaterialModel::Springs {
+            return Err(Error::Input(
+                "material: springs have no order 2; set model = \"neo-hookean\" or \"corotated\" (--material)"
+                    .into(),
+            ));
+        }
+        if self.volume != VolumetricFormulation::PerTet {
+            return Err(Error::Input(format!(
+                "material: quadratic tets (order 2) do not lock and have no volume \"{}\"; remove volume (--volume), or use order 1",
+                self.volume
+            )));
+        }
+        Ok(())
+    }
+
     /// Validates the material.
     pub(crate) fn check(&self) -> Result<()> {
         let (Stiffness::Young(stiffness) | Stiffness::Uniform(stiffness)) = self.stiffness;
@@ -280,20 +300,7 @@ impl Material {
                 self.volume
             )));
         }
-        if self.order == ElementOrder::Quadratic {
-            if springs {
-                return Err(Error::Input(
-                    "material: springs have no order 2; set model = \"neo-hookean\" or \"corotated\" (--material)"
-                        .into(),
-                ));
-            }
-            if self.volume != VolumetricFormulation::PerTet {
-                return Err(Error::Input(format!(
-                    "material: quadratic tets (order 2) do not lock and have no volume \"{}\"; remove volume (--volume), or use order 1",
-                    self.volume
-                )));
-            }
-        }
+        self.check_order()?;
         check_poisson(self.poisson, "")?;
         for (name, value, fits) in numbers {
             if !value.is_finite() || !fits {

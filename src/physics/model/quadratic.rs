@@ -155,6 +155,16 @@ impl Elements {
         }
     }
 
+    /// Returns linear elements `tets` with these settings, without rigid bodies.
+    pub(crate) fn with_linear_tets(&self, tets: Vec<Element>) -> Elements {
+        Elements {
+            tets,
+            mid_edges: Vec::new(),
+            rigid: Vec::new(),
+            ..*self
+        }
+    }
+
     /// Returns the nodes of element `t`: four, or ten.
     pub fn nodes_of(&self, t: usize) -> impl Iterator<Item = u32> {
         let middles = self.mid_edges.get(t).map(|edges| edges.nodes);
