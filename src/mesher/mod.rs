@@ -36,6 +36,7 @@ pub(crate) use closed_surface::solid_angle;
 pub use closed_surface::{ClosedSurface, SurfaceDomain};
 pub use domain::{Domain, RegionVolume};
 pub use label_domain::LabelDomain;
+#[cfg(feature = "study")]
 pub(crate) use mesh_report::peak_memory;
 pub use mesh_report::{MeshReport, RegionReport};
 pub(crate) use non_manifold::NonManifoldReport;
