@@ -20,7 +20,7 @@ const KEPT_LINES: usize = 3;
 
 /// How parts are measured in processes of their own.
 pub struct Supervision<'a> {
-    /// Returns the command that measures these cases of a part, and prints a [`Message`] a line.
+    /// Returns the command that measures these cases of a part, and prints one JSON message a line.
     pub command: &'a dyn Fn(&Part, Range<usize>) -> Command,
     /// Fewer and smaller cases.
     pub quick: bool,

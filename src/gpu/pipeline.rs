@@ -7,7 +7,7 @@ use super::device::lock;
 /// depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PipelineDescription {
-    /// The composed shader, as for [`compose`](super::compose): a program and its terms.
+    /// The composed shader, as for [`Shaders::compose`](super::Shaders::compose): a program and its terms.
     pub shader: String,
     /// Values of its override constants; others keep their defaults.
     pub constants: Vec<(String, f64)>,

@@ -53,7 +53,7 @@ impl Piece {
     /// not read.
     ///
     /// # Errors
-    /// As [`io::read_piece`].
+    /// As the readers of [`io`](crate::io).
     pub fn read(path: impl AsRef<Path>, number: usize) -> Result<Piece> {
         let (piece, manifest) = io::read_piece(path, number)?;
         let whole = MeshManifest::from_bytes(&manifest)?;
