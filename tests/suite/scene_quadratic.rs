@@ -89,18 +89,17 @@ fn order_2_adds_nodes_after_those_of_the_file() {
 /// Uniform tension: exact displacements, reactions and fields in every tet.
 #[test]
 fn order_2_is_exact_under_uniform_tension() {
-    // Supports that leave the lateral contraction free.
-    // Mass damping stops the rotation about the support.
+    // A support that leaves the lateral contraction free; mass damping stops the rotation about it.
     let text = BOX.replace(
         "density = 1000",
-        "density = 1000\ndamping_ratio = 1.0\ndamping_hz = 5",
+        "density = 1000\ndamping_ratio = 1.0\ndamping_hz = 1.75",
     );
     let mut stage = stage(&format!(
         "{text}{}{}",
         "[[pin]]\nname = \"corner\"\nsphere = [0, 0, 0, 1e-4]\n",
         "[[force]]\non = { z_above = 0.0999 }\ntotal = [0, 0, 2]\n[[force]]\non = { z_below = 1e-4 }\ntotal = [0, 0, -2]\n"
     ));
-    run(&mut stage, 60);
+    run(&mut stage, 100);
     // 200 Pa on E = 2e4 Pa: a strain of 1 %, whatever small rotation there is.
     let (x, rest) = (positions(&stage), stage.mesh().nodes.clone());
     let bottom = |p: DVec3| {
@@ -113,20 +112,20 @@ fn order_2_is_exact_under_uniform_tension() {
         .collect();
     let mean = stretches.iter().sum::<f64>() / stretches.len() as f64;
     assert!((mean / 1e-3 - 1.0).abs() < 0.02, "{mean}");
-    let is_even = |stretch: &f64| (stretch / mean - 1.0).abs() < 5e-3;
+    let is_even = |stretch: &f64| (stretch / mean - 1.0).abs() < 1e-3;
     assert!(stretches.iter().all(is_even), "{stretches:?}");
     let stress = field(&stage, BodyField::VonMises);
     let (low, high) = stress
         .iter()
         .fold((f64::MAX, 0.0f64), |(l, h), s| (l.min(*s), h.max(*s)));
     assert!(
-        low > 0.98 * 200.0 && high < 1.02 * 210.0 && high / low < 1.002,
+        low > 200.5 && high < 202.0 && high / low < 1.001,
         "{low} {high}"
     );
     let strain = field(&stage, BodyField::Strain);
     let of_length = mean / 0.1 + 0.5 * (mean / 0.1).powi(2);
     assert!(
-        strain.iter().all(|e| (e / of_length - 1.0).abs() < 1e-2),
+        strain.iter().all(|e| (e / of_length - 1.0).abs() < 1e-3),
         "{of_length}"
     );
     let growth = field(&stage, BodyField::J);
