@@ -40,12 +40,10 @@ fn pipelines_of_scenes_compile_to_spirv() {
     files.sort();
     let mut failed = Vec::new();
     for path in files {
-        let began = std::time::Instant::now();
         let scene = Scene::read(&path).unwrap();
         // Some scenes need as many tets as they have.
         let made = prepare(&gpu, coarsened(&scene)).or_else(|_| prepare(&gpu, scene));
         failed.extend(made.err().map(|e| format!("{}: {e}", path.display())));
-        println!("{}: {:.1?}", path.display(), began.elapsed());
     }
     for text in box_scenes() {
         let made = Scene::parse(&text).and_then(|scene| prepare(&gpu, scene));
