@@ -2,12 +2,13 @@
 //! increasingly stiff or rigid rod in the body.
 //!
 //! The engines use different preconditioners for conjugate gradients: block Jacobi on the GPU;
-//! block Jacobi with an additive coarse correction (rigid-body modes of node groups) on the CPU.
+//! block Jacobi with an additive coarse correction on the CPU: rigid-body modes of node groups, or
+//! for quadratic tets the linear tets within them.
 
 use super::{Axis, CPU, Cell, Chart, GPU, Row, Run, Series, SeriesStyle, fit_exponent};
 use crate::generate;
 use crate::gpu::Gpu;
-use crate::mesh::{Field, Location, TetMesh};
+use crate::mesh::{ElementOrder, Field, Location, TetMesh};
 use crate::physics::{
     Engine, EngineChoice, Material, MaterialModel, RegionMaterial, Simulator, SolverKind,
     VolumetricFormulation,
@@ -34,33 +35,45 @@ const STEP: f64 = 0.01;
 /// Steps of the bar with a rod.
 const STEPS: u32 = 20;
 
-/// Material models and volumetric formulations.
-const MATTERS: [(&str, MaterialModel, VolumetricFormulation); 3] = [
+const QUADRATIC: &str = "quadratic tets";
+
+/// Material models, volumetric formulations and orders.
+const MATTERS: [(&str, MaterialModel, VolumetricFormulation, ElementOrder); 4] = [
     (
         "neo-hookean",
         MaterialModel::NeoHookean,
         VolumetricFormulation::PerTet,
+        ElementOrder::Linear,
     ),
     (
         "corotated",
         MaterialModel::Corotated,
         VolumetricFormulation::PerTet,
+        ElementOrder::Linear,
     ),
     (
         "averaged volumes",
         MaterialModel::NeoHookean,
         VolumetricFormulation::NodalAveraged,
+        ElementOrder::Linear,
+    ),
+    (
+        QUADRATIC,
+        MaterialModel::NeoHookean,
+        VolumetricFormulation::PerTet,
+        ElementOrder::Quadratic,
     ),
 ];
 
 /// Measured combinations of material, integrator and engine.
-const KINDS: [(&str, SolverKind, &str); 8] = [
+const KINDS: [(&str, SolverKind, &str); 9] = [
     ("neo-hookean", SolverKind::Implicit, CPU),
     ("neo-hookean", SolverKind::Implicit, GPU),
     ("neo-hookean", SolverKind::Bdf2, CPU),
     ("neo-hookean", SolverKind::Midpoint, CPU),
     ("corotated", SolverKind::Implicit, CPU),
     ("averaged volumes", SolverKind::Implicit, CPU),
+    (QUADRATIC, SolverKind::Implicit, CPU),
     ("neo-hookean", SolverKind::Symplectic, CPU),
     ("neo-hookean", SolverKind::Symplectic, GPU),
 ];
@@ -78,10 +91,19 @@ pub(super) fn measure(run: &Run) -> Result<(String, Vec<String>)> {
     let mut points: Vec<Vec<Cell>> = Vec::new();
     for tets in tets {
         for (matter, kind, on) in KINDS {
-            if on == CPU || *tets <= most_on_gpu {
+            if matter != QUADRATIC && (on == CPU || *tets <= most_on_gpu) {
                 points.push(cells("tets", (matter, kind, on), *tets, "none"));
             }
         }
+    }
+    // 10,000 to 1,000,000 unknowns.
+    let quadratic: &[usize] = match run.quick {
+        true => &[300, 1_000],
+        false => &[1_800, 6_500, 23_000, 80_000, 225_000],
+    };
+    for tets in quadratic {
+        let how = (QUADRATIC, SolverKind::Implicit, CPU);
+        points.push(cells("tets", how, *tets, "none"));
     }
     let rods: &[&str] = match run.quick {
         true => &["1", "1000", RIGID],
@@ -116,17 +138,21 @@ fn cells(
 
 /// Returns the bar of the point's number of tets, material and integrator, clamped at one end.
 fn body(gpu: &Gpu, point: &[Cell], rod: &str, on: &str) -> Result<Box<dyn Simulator>> {
-    let mesh = with_rod(generate::bar_of_about(point[4].number() as usize, SIZE)?);
+    let mut mesh = with_rod(generate::bar_of_about(point[4].number() as usize, SIZE)?);
     let named = MATTERS.iter().find(|m| m.0 == point[1].text());
-    let Some((_, model, volume)) = named else {
+    let Some((_, model, volume, order)) = named else {
         return Err(Error::Input(format!(
             "unknown material {} in scaling_steps.csv; use an empty --out folder",
             point[1].text()
         )));
     };
+    if *order == ElementOrder::Quadratic {
+        mesh = mesh.with_mid_edge_nodes()?;
+    }
     let mut material = Material {
         model: *model,
         volume: *volume,
+        order: *order,
         poisson: POISSON,
         density: DENSITY,
         region_field: Some("rod".into()),
@@ -289,7 +315,7 @@ fn against_rod(run: &Run, rows: &[Row]) -> Result<String> {
 }
 
 fn finding(rows: &[Row]) -> String {
-    let mut text = "Steps of a bar of finite elements (1 MPa, ν = 0.3) that is clamped at one end and bends under its weight; time step 0.01 s, explicit solvers with half their largest stable step:\n\n| material | integrator | on | exponent | tets | iterations | ms per step |\n|---|---|---|---|---|---|---|\n".to_owned();
+    let mut text = "Steps of a bar of finite elements (1 MPa, ν = 0.3) that is clamped at one end and bends under its weight; time step 0.01 s, explicit solvers with half their largest stable step:\n\n| material | integrator | on | exponent | tets | nodes | iterations | ms per step |\n|---|---|---|---|---|---|---|---|\n".to_owned();
     for how in KINDS {
         let points = curve(rows, how);
         if let (Some(p), Some(last)) = (fit_exponent(&points), of(rows, "tets", how).last()) {
@@ -298,11 +324,12 @@ fn finding(rows: &[Row]) -> String {
                 false => "none".to_owned(),
             };
             text += &format!(
-                "| {} | {} | {} | {p:.2} | {:.0} | {iterations} | {:.2} |\n",
+                "| {} | {} | {} | {p:.2} | {:.0} | {:.0} | {iterations} | {:.2} |\n",
                 how.0,
                 how.1,
                 how.2,
                 last.number("tets"),
+                last.number("nodes"),
                 last.number("ms_a_step")
             );
         }

@@ -8,6 +8,7 @@ use crate::physics::cpu::external_loads::ExternalLoads;
 use crate::physics::cpu::implicit::linear_step::LinearStepSolver;
 use crate::physics::cpu::implicit::newton::NewtonSolver;
 use crate::physics::cpu::implicit::schemes::ImplicitScheme;
+use crate::physics::cpu::linear::linear_tet_nodes::LinearTetNodes;
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::rigid::layout::build_layout;
 use crate::physics::cpu::runtime::energy_guard::EnergyGuard;
@@ -72,10 +73,17 @@ impl<T: Real> CpuBody<T> {
             newton.rigid = rigid;
             newton
         });
+        let engine_index = inverse_order(&order);
         let implicit = kind.is_implicit().then(|| {
             let mut implicit = LinearStepSolver::new(&plan, settings);
             if let Some(newton) = &newton {
                 implicit.solver.rigid_projection = newton.rigid.projection(&plan);
+            }
+            let first_rigid = implicit.solver.rigid_projection.first_node();
+            let linear_tets =
+                elements.and_then(|e| LinearTetNodes::new(e, &engine_index, &plan, first_rigid));
+            if let Some(nodes) = linear_tets {
+                implicit.set_linear_tets(nodes);
             }
             implicit
         });
@@ -107,7 +115,7 @@ impl<T: Real> CpuBody<T> {
             start: ForceStatus::Restart,
             previous_dt: 0.0,
             steps: 0,
-            engine_index: inverse_order(&order),
+            engine_index,
             node_order: order,
             plan: Arc::new(plan),
         };

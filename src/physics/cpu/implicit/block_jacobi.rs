@@ -61,19 +61,6 @@ impl<T: Real> LinearStepSolver<T> {
 
     /// Returns rᵀD⁻¹r with the inverse blocks of the last linearisation.
     pub(in crate::physics::cpu) fn preconditioned_norm_squared(&self, plan: &Partition) -> f64 {
-        let solver = &self.solver;
-        let [sum] = plan.for_each_chunk((), &|chunk, nodes, ()| {
-            let all = nodes.map(|i| {
-                let r = solver.residual[i];
-                dot(r, apply(&solver.inverse[i], r))
-            });
-            let mut sum: f64 = all.sum();
-            for body in solver.rigid_projection.bodies_of(plan, chunk) {
-                let first = body.nodes().start;
-                sum += body.energy(&body.restrict(|n| solver.residual[first + n]));
-            }
-            [sum]
-        });
-        sum
+        self.solver.preconditioned_norm_squared(plan)
     }
 }

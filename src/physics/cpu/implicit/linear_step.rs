@@ -4,6 +4,8 @@
 use crate::physics::CgSettings;
 use crate::physics::cpu::linear::cg::{CgResult, CgSolver, CgTolerance, SystemOperator};
 use crate::physics::cpu::linear::coarse_space::CoarseSpace;
+use crate::physics::cpu::linear::linear_tet_nodes::LinearTetNodes;
+use crate::physics::cpu::linear::linear_tet_space::LinearTetSpace;
 use crate::physics::cpu::linear::rigid_projection::RigidProjection;
 use crate::physics::cpu::partition::{Nodes, Partition};
 use crate::physics::cpu::scalar::Real;
@@ -40,6 +42,8 @@ pub struct LinearStepSolver<T> {
     diagonal: Vec<SymMat3<T>>,
     stiffness_times_velocity: Vec<V4<T>>,
     coarse: Option<CoarseSpace<T>>,
+    /// For quadratic tets, in place of [`LinearStepSolver::coarse`].
+    linear_tets: Option<LinearTetSpace<T>>,
     /// State from which the coarse space was built.
     pub coarse_state: CoarseSpaceState<T>,
     /// Amplitudes of the terms.
@@ -111,12 +115,18 @@ impl<T: Real> LinearStepSolver<T> {
             diagonal: vec![[T::ZERO; 8]; plan.nodes()],
             stiffness_times_velocity: vec![zero(); plan.nodes()],
             coarse: None,
+            linear_tets: None,
             coarse_state: CoarseSpaceState {
                 u: vec![zero(); plan.nodes()],
                 ..CoarseSpaceState::default()
             },
             levels: Vec::new(),
         }
+    }
+
+    /// Sets the coarse space of a body of quadratic tets.
+    pub fn set_linear_tets(&mut self, nodes: LinearTetNodes) {
+        self.linear_tets = Some(LinearTetSpace::new(nodes));
     }
 
     /// Drops the coarse space, after the set of fixed nodes has changed.
@@ -127,6 +137,9 @@ impl<T: Real> LinearStepSolver<T> {
     /// Also drops the coupling pattern of the aggregates, which changes with contact.
     pub fn drop_aggregate_pattern(&mut self) {
         self.coarse = None;
+        if let Some(space) = &mut self.linear_tets {
+            space.drop_pattern();
+        }
         self.drop_coarse_space();
     }
 
@@ -191,9 +204,12 @@ impl<T: Real> LinearStepSolver<T> {
         start: f64,
         stop: CgTolerance,
     ) -> CgResult {
-        let outcome = self
-            .solver
-            .solve_from_zero(a, &mut self.coarse, start, stop);
+        let outcome = match &mut self.linear_tets {
+            Some(space) => self.solver.solve_with_linear_tets(a, space, start, stop),
+            None => self
+                .solver
+                .solve_from_zero(a, &mut self.coarse, start, stop),
+        };
         self.record_result(outcome);
         outcome
     }
@@ -240,7 +256,10 @@ impl<T: Real> LinearStepSolver<T> {
 
     /// Whether there is a factorised coarse space.
     pub(in crate::physics::cpu) fn has_coarse(&self) -> bool {
-        self.coarse.as_ref().is_some_and(CoarseSpace::is_factorised)
+        match &self.linear_tets {
+            Some(space) => space.is_ready(),
+            None => self.coarse.as_ref().is_some_and(CoarseSpace::is_factorised),
+        }
     }
 
     /// Returns the diagonal blocks, the inverse blocks to compute, the residual, and the rigid
@@ -350,9 +369,6 @@ impl<T: Real> LinearStepSolver<T> {
         terms: &[Box<dyn Term<T>>],
         u: &[V4<T>],
     ) {
-        let coarse = self
-            .coarse
-            .get_or_insert_with(|| CoarseSpace::new(context.plan, terms));
         let point = |i: usize| {
             let (r, u) = (context.rest[i], u[i]);
             DVec3::new(
@@ -363,6 +379,13 @@ impl<T: Real> LinearStepSolver<T> {
         };
         let free = |i: usize| context.free[i] != T::ZERO;
         let rigid_projection = &self.solver.rigid_projection;
+        if let Some(space) = &mut self.linear_tets {
+            space.factorise(point, free, &self.diagonal, terms, rigid_projection);
+            return;
+        }
+        let coarse = self
+            .coarse
+            .get_or_insert_with(|| CoarseSpace::new(context.plan, terms));
         coarse.factorise(
             context.plan,
             point,

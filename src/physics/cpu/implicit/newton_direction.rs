@@ -59,7 +59,7 @@ impl<T: Real> NewtonSolver<T> {
                     plan: context.plan,
                     masses: &self.masses,
                     free: context.free,
-                    terms,
+                    terms: &*terms,
                 };
                 let stop = CgTolerance {
                     tolerance: self

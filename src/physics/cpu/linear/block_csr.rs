@@ -123,6 +123,25 @@ impl<T: Real> BlockCsr<T> {
         }
     }
 
+    /// Fills in the blocks below the diagonal, and those on it from `diagonal`.
+    pub fn finish_with_diagonal(&mut self, diagonal: &[SymMat3<T>]) {
+        for k in 0..self.values.len() {
+            let from = self.mirror[k];
+            if from != NO_SLOT {
+                self.values[k] = transposed(&self.values[from as usize]);
+            }
+        }
+        for (own, d) in self.diagonal.iter().zip(diagonal) {
+            let o = T::ZERO;
+            let columns = [
+                [d[0], d[3], d[4], o],
+                [d[3], d[1], d[5], o],
+                [d[4], d[5], d[2], o],
+            ];
+            self.values[*own as usize] = columns;
+        }
+    }
+
     /// Adds the diagonal blocks to those of the chunk's nodes.
     pub fn add_diagonal(&self, out: &mut [SymMat3<T>]) {
         for (d, own) in out.iter_mut().zip(&self.diagonal) {

@@ -1,6 +1,7 @@
 //! Preconditioned conjugate gradients with one 3-vector per node: block Jacobi plus an additive
 //! coarse correction.
 
+use super::block_matrix::BlockMatrix;
 use super::coarse_space::CoarseSpace;
 use super::rigid_modes::prolong;
 use super::rigid_projection::RigidProjection;
@@ -8,11 +9,12 @@ use super::sparse_cholesky::Vec6Padded;
 use crate::physics::cpu::partition::{Groups, Nodes, Partition};
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::Term;
-use crate::physics::cpu::vectors::dot;
-use crate::physics::cpu::vectors::{Mat3Columns, V4, add, add_scaled, scale, sum_f64, zero};
+use crate::physics::cpu::vectors::{
+    Mat3Columns, V4, add, add_scaled, apply, dot, dot_f64, scale, sum_f64, zero,
+};
 
 /// The system matrix A.
-pub struct SystemOperator<'a, T> {
+pub struct SystemOperator<'a, T, M: ?Sized = [Box<dyn Term<T>>]> {
     /// Partition of the nodes.
     pub plan: &'a Partition,
     /// Masses, on the diagonal in addition to the terms.
@@ -20,10 +22,10 @@ pub struct SystemOperator<'a, T> {
     /// 1, or 0 for fixed nodes, whose rows are zero.
     pub free: &'a [T],
     /// Linearised terms.
-    pub terms: &'a [Box<dyn Term<T>>],
+    pub terms: &'a M,
 }
 
-impl<T: Real> SystemOperator<'_, T> {
+impl<T: Real, M: BlockMatrix<T> + ?Sized> SystemOperator<'_, T, M> {
     /// Computes y = A p, for p that is zero at fixed nodes. Returns p·y.
     pub fn multiply(&self, p: &[V4<T>], y: &mut [V4<T>]) -> f64 {
         let [sum] = self
@@ -33,9 +35,7 @@ impl<T: Real> SystemOperator<'_, T> {
                 for ((y, p), m) in y.0.iter_mut().zip(p_here).zip(&self.masses[nodes.clone()]) {
                     *y = scale(*m, *p);
                 }
-                for term in self.terms {
-                    term.multiply(chunk, p, y.0);
-                }
+                self.terms.multiply(chunk, p, y.0);
                 for (y, free) in y.0.iter_mut().zip(&self.free[nodes]) {
                     *y = [*free * y[0], *free * y[1], *free * y[2], T::ZERO];
                 }
@@ -85,13 +85,13 @@ pub struct CgSolver<T> {
     pub previous_solutions: [Vec<V4<T>>; 2],
     /// Number of previous solutions available.
     pub count: usize,
-    direction: Vec<V4<T>>,
-    product: Vec<V4<T>>,
+    pub(super) direction: Vec<V4<T>>,
+    pub(super) product: Vec<V4<T>>,
     /// D⁻¹ r.
-    preconditioned: Vec<V4<T>>,
+    pub(super) preconditioned: Vec<V4<T>>,
     other: Vec<V4<T>>,
-    coarse_solution: Vec<Vec6Padded<T>>,
-    restricted_residuals: Vec<Vec6Padded<T>>,
+    pub(super) coarse_solution: Vec<Vec6Padded<T>>,
+    pub(super) restricted_residuals: Vec<Vec6Padded<T>>,
     /// Nodes of rigid bodies, which move together.
     pub rigid_projection: RigidProjection<T>,
 }
@@ -120,7 +120,7 @@ impl<T: Real> CgSolver<T> {
     /// [`CgSolver::solution`].
     pub fn solve(
         &mut self,
-        a: &SystemOperator<'_, T>,
+        a: &SystemOperator<'_, T, impl BlockMatrix<T> + ?Sized>,
         coarse: &mut Option<CoarseSpace<T>>,
         start: f64,
         stop: CgTolerance,
@@ -133,7 +133,7 @@ impl<T: Real> CgSolver<T> {
     /// direction of non-positive curvature.
     pub fn solve_from_zero(
         &mut self,
-        a: &SystemOperator<'_, T>,
+        a: &SystemOperator<'_, T, impl BlockMatrix<T> + ?Sized>,
         coarse: &mut Option<CoarseSpace<T>>,
         start: f64,
         stop: CgTolerance,
@@ -144,7 +144,7 @@ impl<T: Real> CgSolver<T> {
 
     fn iterate(
         &mut self,
-        a: &SystemOperator<'_, T>,
+        a: &SystemOperator<'_, T, impl BlockMatrix<T> + ?Sized>,
         coarse: &mut Option<CoarseSpace<T>>,
         start: f64,
         stop: CgTolerance,
@@ -176,18 +176,30 @@ impl<T: Real> CgSolver<T> {
                 break;
             }
         }
-        let residual = if start > 0.0 {
-            (smooth / start).sqrt()
-        } else {
-            0.0
-        };
         CgResult {
             iterations,
-            residual,
+            residual: relative_residual(smooth, start),
             converged: smooth <= goal,
             predicted_decrease: gain,
             indefinite,
         }
+    }
+
+    /// Returns rᵀD⁻¹r, where D includes the blocks of the rigid bodies.
+    pub fn preconditioned_norm_squared(&self, plan: &Partition) -> f64 {
+        let [sum] = plan.for_each_chunk((), &|chunk, nodes, ()| {
+            let all = nodes.map(|i| {
+                let r = self.residual[i];
+                dot_f64(r, apply(&self.inverse[i], r))
+            });
+            let mut sum: f64 = all.sum();
+            for body in self.rigid_projection.bodies_of(plan, chunk) {
+                let first = body.nodes().start;
+                sum += body.energy(&body.restrict(|n| self.residual[first + n]));
+            }
+            [sum]
+        });
+        sum
     }
 
     /// Keeps the solution for the initial guess of the next solve.
@@ -200,7 +212,11 @@ impl<T: Real> CgSolver<T> {
     /// Sets the initial guess that minimises ½xᵀAx − bᵀx in the span of the last two solutions.
     ///
     /// It is at least as good as zero, the last solution, or their linear extrapolation.
-    fn initialise(&mut self, a: &SystemOperator<'_, T>, count: usize) {
+    pub(super) fn initialise(
+        &mut self,
+        a: &SystemOperator<'_, T, impl BlockMatrix<T> + ?Sized>,
+        count: usize,
+    ) {
         let [last, older] = &self.previous_solutions;
         let mut weights = [0.0; 2];
         if count > 0 {
@@ -247,7 +263,7 @@ impl<T: Real> CgSolver<T> {
 
     /// Computes x += α p, r −= α A p, and the restriction of r to the coarse space and the rigid
     /// bodies. Returns rᵀD⁻¹r, where D includes the blocks of the rigid bodies.
-    fn update_solution(
+    pub(super) fn update_solution(
         &mut self,
         plan: &Partition,
         coarse: Option<&CoarseSpace<T>>,
@@ -359,5 +375,13 @@ impl<T: Real> CgSolver<T> {
                 []
             },
         );
+    }
+}
+
+/// Returns √(rᵀD⁻¹r / bᵀD⁻¹b) from its squares; 0 for b = 0.
+pub(super) fn relative_residual(squared: f64, start: f64) -> f64 {
+    match start > 0.0 {
+        true => (squared / start).sqrt(),
+        false => 0.0,
     }
 }

@@ -4,12 +4,12 @@
 //! more where stiff parts lie in soft ones. The rigid-body modes of groups of nodes, 40 in a small
 //! body and hundreds in a large one (Galerkin, added to block Jacobi), reduce smooth errors.
 
+use super::block_matrix::BlockMatrix;
 use super::rigid_modes::{add_projected_block, cross};
 use super::rigid_projection::RigidProjection;
 use super::sparse_cholesky::{SparseCholesky, Vec6Padded};
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
-use crate::physics::cpu::term::Term;
 use crate::physics::cpu::vectors::{SymMat3, V4, add};
 use glam::{DMat3, DVec3};
 
@@ -31,24 +31,22 @@ pub struct CoarseSpace<T> {
 
 impl<T: Real> CoarseSpace<T> {
     /// Analyses the couplings between the groups of `plan` in the linearised `terms`.
-    pub fn new(plan: &Partition, terms: &[Box<dyn Term<T>>]) -> CoarseSpace<T> {
+    pub fn new(plan: &Partition, terms: &(impl BlockMatrix<T> + ?Sized)) -> CoarseSpace<T> {
         let group = aggregate_of_nodes(plan);
         let mut pairs = Vec::new();
         let mut last = (u32::MAX, u32::MAX);
-        for term in terms {
-            term.visit_off_diagonal(&mut |[i, j], _| {
-                let pair = (group[i as usize], group[j as usize]);
-                if pair.0 != pair.1 && pair != last {
-                    pairs.push(pair);
-                    pairs.push((pair.1, pair.0));
-                    last = pair;
-                }
-                if pairs.len() > 1 << 22 {
-                    pairs.sort_unstable();
-                    pairs.dedup();
-                }
-            });
-        }
+        terms.visit_off_diagonal(&mut |[i, j], _| {
+            let pair = (group[i as usize], group[j as usize]);
+            if pair.0 != pair.1 && pair != last {
+                pairs.push(pair);
+                pairs.push((pair.1, pair.0));
+                last = pair;
+            }
+            if pairs.len() > 1 << 22 {
+                pairs.sort_unstable();
+                pairs.dedup();
+            }
+        });
         pairs.sort_unstable();
         pairs.dedup();
         CoarseSpace {
@@ -73,7 +71,7 @@ impl<T: Real> CoarseSpace<T> {
         points: impl Fn(usize) -> DVec3,
         free: impl Fn(usize) -> bool,
         diagonal: &[SymMat3<T>],
-        terms: &[Box<dyn Term<T>>],
+        terms: &(impl BlockMatrix<T> + ?Sized),
         rigid_projection: &RigidProjection<T>,
     ) {
         self.update_rigid_modes(plan, points, free, rigid_projection);
@@ -94,23 +92,21 @@ impl<T: Real> CoarseSpace<T> {
             }
         }
         let (arms, group, factor) = (&self.lever_arms, &self.group, &mut self.factor);
-        for term in terms {
-            term.visit_off_diagonal(&mut |[i, j], m| {
-                let [a, b] = [i, j].map(|v| group[v as usize]);
-                let (i, j) = (&arms[i as usize], &arms[j as usize]);
-                if (known.0, known.1) != (a, b) {
-                    let Some((index, transposed)) = factor.block_index(a, b) else {
-                        return;
-                    };
-                    known = (a, b, index, transposed);
-                }
-                let block = factor.block_mut(known.2);
-                if a == b {
-                    add_projected_block(m, i, j, block, false);
-                }
-                add_projected_block(m, i, j, block, known.3 || a == b);
-            });
-        }
+        terms.visit_off_diagonal(&mut |[i, j], m| {
+            let [a, b] = [i, j].map(|v| group[v as usize]);
+            let (i, j) = (&arms[i as usize], &arms[j as usize]);
+            if (known.0, known.1) != (a, b) {
+                let Some((index, transposed)) = factor.block_index(a, b) else {
+                    return;
+                };
+                known = (a, b, index, transposed);
+            }
+            let block = factor.block_mut(known.2);
+            if a == b {
+                add_projected_block(m, i, j, block, false);
+            }
+            add_projected_block(m, i, j, block, known.3 || a == b);
+        });
         self.shift_diagonal(plan.groups());
         self.ready = self.factor.factorise();
     }

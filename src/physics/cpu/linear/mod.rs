@@ -2,8 +2,14 @@
 //! the projection onto rigid-body modes.
 
 pub(super) mod block_csr;
+pub(super) mod block_matrix;
 pub(super) mod cg;
 pub(super) mod coarse_space;
+mod flexible_cg;
+pub(super) mod linear_tet_nodes;
+pub(super) mod linear_tet_space;
+#[cfg(test)]
+mod linear_tet_tests;
 pub(super) mod point_blocks;
 pub(super) mod rigid_modes;
 pub(super) mod rigid_projection;

@@ -94,6 +94,30 @@ impl<T: Real> RigidProjection<T> {
         }
     }
 
+    /// Returns the projection for a coarser system with the same rigid bodies, the first of them its
+    /// group `first`, and `fewer` nodes less before them.
+    pub fn for_coarser_system(&self, first: usize, fewer: usize) -> RigidProjection<T> {
+        let mut coarser = self.clone();
+        if !coarser.bodies.is_empty() {
+            coarser.first = first;
+            coarser.node -= fewer;
+        }
+        for body in &mut coarser.bodies {
+            body.nodes = body.nodes.start - fewer..body.nodes.end - fewer;
+        }
+        coarser
+    }
+
+    /// Whether there are no rigid bodies.
+    pub fn is_empty(&self) -> bool {
+        self.bodies.is_empty()
+    }
+
+    /// Index of the first node of a rigid body.
+    pub fn first_node(&self) -> usize {
+        self.node
+    }
+
     /// Returns the body of a group, if it is one.
     #[inline(always)]
     pub fn block_of_group(&self, group: usize) -> Option<&RigidBlock<T>> {
