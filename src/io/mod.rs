@@ -41,6 +41,7 @@ mod pvtu;
 mod raw_mesh;
 mod scalar;
 mod surface;
+mod ten_node;
 mod tetgen;
 mod tetgen_write;
 mod ucd;

@@ -1,0 +1,115 @@
+//! Meshes of order 2 by element: their ten-node tets instead of the pieces of these.
+
+use super::quadratic::{PIECES, TenNodes, pieces};
+use super::quadratic_shape::{QUADRATURE_POINTS, jacobians};
+use super::{ElementOrder, Field, Location, ScalarType, TetMesh};
+
+impl TetMesh {
+    /// Returns the ten-node tets of a mesh of order 2; `None` for a mesh of order 1, and for one whose
+    /// tets are no longer pieces of ten-node tets.
+    pub(crate) fn quadratic_elements(&self) -> Option<Vec<TenNodes>> {
+        match self.order {
+            ElementOrder::Linear => None,
+            ElementOrder::Quadratic => self.ten_node_tets().ok(),
+        }
+    }
+
+    /// Returns a mesh of order 2 without the nodes in the middle of its edges: of four-node tets with
+    /// straight edges, whose fields are those of the corners and the elements
+    /// ([`TetMesh::element_field`]). `None` for a mesh of order 1.
+    pub(crate) fn corner_mesh(&self) -> Option<TetMesh> {
+        let mut mesh = self.mesh_of_corners(&self.quadratic_elements()?);
+        let unused = mesh.repairs.unused_nodes;
+        mesh.drop_unused_nodes();
+        mesh.repairs.unused_nodes = unused;
+        Some(mesh)
+    }
+
+    /// Returns the four-node tets at the corners of `elements`, with all nodes of this mesh.
+    pub(crate) fn mesh_of_corners(&self, elements: &[TenNodes]) -> TetMesh {
+        let of_element = |f: &Field| match f.location {
+            Location::Node => f.clone(),
+            Location::Cell => self.element_field(f),
+        };
+        TetMesh {
+            nodes: self.nodes.clone(),
+            tets: elements
+                .iter()
+                .map(|[a, b, c, d, ..]| [*a, *b, *c, *d])
+                .collect(),
+            order: ElementOrder::Linear,
+            fields: self.fields.iter().map(of_element).collect(),
+            region_names: self.region_names.clone(),
+            length_unit: self.length_unit,
+            frame: self.frame,
+            repairs: self.repairs.clone(),
+        }
+    }
+
+    /// Returns a field of the pieces with one tuple per ten-node tet: the value of its pieces, or, if
+    /// they differ, their mean by volume; of integers the value of the first piece.
+    pub(crate) fn element_field(&self, field: &Field) -> Field {
+        let width = field.components.max(1);
+        let real = matches!(field.scalar_type, ScalarType::F32 | ScalarType::F64);
+        let mut values = Vec::with_capacity(field.values.len() / PIECES);
+        for (element, group) in field.values.chunks_exact(PIECES * width).enumerate() {
+            let first = &group[..width];
+            if !real || group.chunks_exact(width).all(|piece| piece == first) {
+                values.extend_from_slice(first);
+                continue;
+            }
+            let volume = |k: usize| self.tet_volume(PIECES * element + k).abs();
+            let whole: f64 = (0..PIECES).map(volume).sum();
+            for component in 0..width {
+                let of_piece = |k: usize| volume(k) * group[k * width + component];
+                let mean = (0..PIECES).map(of_piece).sum::<f64>() / whole;
+                values.push(if whole > 0.0 { mean } else { first[component] });
+            }
+        }
+        Field {
+            values,
+            name: field.name.clone(),
+            ..*field
+        }
+    }
+
+    /// Returns the ten-node tets whose Jacobian is not positive at all quadrature points: such an
+    /// element is inverted or folded.
+    pub(crate) fn folded_elements(&self, elements: &[TenNodes]) -> Vec<usize> {
+        let is_folded = |element: &TenNodes| {
+            let jacobians: [f64; QUADRATURE_POINTS] = jacobians(element, &self.nodes);
+            jacobians.iter().any(|j| !(*j > 0.0))
+        };
+        let folded = elements.iter().enumerate().filter(|(_, e)| is_folded(e));
+        folded.map(|(k, _)| k).collect()
+    }
+
+    /// Flips the tets of negative volume; in a mesh of order 2 the elements with such corners.
+    pub(crate) fn flip_inverted(&mut self) {
+        let Some(elements) = self.quadratic_elements() else {
+            for t in 0..self.tets.len() {
+                if self.tet_volume(t) < 0.0 {
+                    self.tets[t].swap(2, 3);
+                }
+            }
+            return;
+        };
+        for (k, element) in elements.into_iter().enumerate() {
+            let [a, b, c, d, ab, ac, ad, bc, bd, cd] = element;
+            let corners = [a, b, c, d].map(|v| self.nodes[v as usize]);
+            if super::signed_volume(corners) < 0.0 {
+                let flipped = pieces([a, b, d, c], [ab, ad, ac, bd, bc, cd], &self.nodes);
+                self.tets[PIECES * k..PIECES * (k + 1)].copy_from_slice(&flipped);
+            }
+        }
+    }
+
+    /// Whether this mesh has the same elements as `other`. Ten-node tets may be divided into their
+    /// pieces in another way, since the shape of an element decides that.
+    pub(crate) fn has_elements_of(&self, other: &TetMesh) -> bool {
+        match (self.quadratic_elements(), other.quadratic_elements()) {
+            (Some(own), Some(others)) => own == others,
+            _ => self.tets == other.tets,
+        }
+    }
+}
