@@ -22,7 +22,9 @@ impl EdgeMiddles {
         let mut all = Vec::new();
         for nodes in elements {
             for ([a, b], middle) in TET_EDGES.into_iter().zip(&nodes[4..]) {
-                all.push((sorted([nodes[a], nodes[b]]), *middle));
+                if nodes[a] != nodes[b] {
+                    all.push((sorted([nodes[a], nodes[b]]), *middle));
+                }
             }
         }
         all.sort_unstable();
@@ -33,11 +35,18 @@ impl EdgeMiddles {
     /// Keeps one middle node per edge, and describes those that are left out or look wrong: `tets`
     /// are the four-node tets of the file, `nodes` its positions.
     fn checked(self, tets: &[[u32; 4]], nodes: &[DVec3], notes: &mut Vec<String>) -> Checked {
-        let mut corners = vec![false; nodes.len()];
+        // Nodes that cannot be the middle of an edge.
+        let mut taken: Vec<bool> = nodes.iter().map(|p| !p.is_finite()).collect();
         for v in tets.iter().flatten() {
-            corners[*v as usize] = true;
+            taken[*v as usize] = true;
         }
-        let mut taken = vec![false; nodes.len()];
+        let mut edge_of = vec![None; nodes.len()];
+        for (edge, middle) in &self.all {
+            let v = *middle as usize;
+            taken[v] |= edge_of[v]
+                .replace(*edge)
+                .is_some_and(|other| other != *edge);
+        }
         let [mut several, mut shared, mut far] = [Finding::default(); 3];
         let mut kept: Vec<([u32; 2], u32)> = Vec::with_capacity(self.all.len());
         for (edge, middle) in self.all {
@@ -46,13 +55,12 @@ impl EdgeMiddles {
                 continue;
             }
             let v = middle as usize;
-            let place = nodes.get(v).copied().unwrap_or(DVec3::NAN);
-            if !place.is_finite() || corners[v] || std::mem::replace(&mut taken[v], true) {
+            if taken[v] {
                 shared.add(edge, middle);
                 continue;
             }
             let [a, b] = edge.map(|v| nodes[v as usize]);
-            if place.distance(a.midpoint(b)) > FAR * a.distance(b) {
+            if nodes[v].distance(a.midpoint(b)) > FAR * a.distance(b) {
                 far.add(edge, middle);
             }
             kept.push((edge, middle));

@@ -14,6 +14,14 @@ impl TetMesh {
         }
     }
 
+    /// Number of elements: of order 2 that of the ten-node tets, otherwise that of the tets.
+    pub fn element_count(&self) -> usize {
+        match self.quadratic_elements() {
+            Some(elements) => elements.len(),
+            None => self.tets.len(),
+        }
+    }
+
     /// Returns a mesh of order 2 without the nodes in the middle of its edges: of four-node tets with
     /// straight edges, whose fields are those of the corners and the elements
     /// ([`TetMesh::element_field`]). `None` for a mesh of order 1.
