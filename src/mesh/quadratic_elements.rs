@@ -2,9 +2,37 @@
 
 use super::quadratic::{PIECES, TenNodes, pieces};
 use super::quadratic_shape::{QUADRATURE_POINTS, jacobians};
-use super::{ElementOrder, Field, Location, ScalarType, TetMesh};
+use super::{EdgeMiddles, ElementOrder, Field, Location, ScalarType, TetMesh};
+use crate::{Error, Result};
+use glam::DVec3;
 
 impl TetMesh {
+    /// Builds a mesh of order 2 from ten-node tets: their corners, then the nodes in the middle of their
+    /// edges in the order of [`TET_EDGES`](super::TET_EDGES), as those of [`TetMesh::ten_node_tets`].
+    /// Cell fields have one tuple per ten-node tet. Repairs are those of [`TetMesh::new`]; a middle node
+    /// that is a corner or on several edges is replaced by one of a straight edge, with a warning.
+    ///
+    /// # Errors
+    /// As [`TetMesh::new`].
+    pub fn from_ten_node_tets(
+        nodes: Vec<DVec3>,
+        elements: &[[u32; 10]],
+        fields: Vec<Field>,
+        warnings: Vec<String>,
+    ) -> Result<TetMesh> {
+        let count = nodes.len();
+        let bad = |element: &[u32; 10]| element.iter().any(|v| *v as usize >= count);
+        if let Some(k) = elements.iter().position(bad) {
+            return Err(Error::Mesh(format!(
+                "ten-node tet {k} has nodes {:?}, but there are only {count} nodes (counted from 0)",
+                elements[k]
+            )));
+        }
+        let corners = elements.iter().map(|[a, b, c, d, ..]| [*a, *b, *c, *d]);
+        let middles = EdgeMiddles::new(elements.iter().copied());
+        TetMesh::of_order(nodes, corners.collect(), fields, warnings, Some(middles))
+    }
+
     /// Returns the ten-node tets of a mesh of order 2; `None` for a mesh of order 1, and for one whose
     /// tets are no longer pieces of ten-node tets.
     pub(crate) fn quadratic_elements(&self) -> Option<Vec<TenNodes>> {
@@ -114,7 +142,7 @@ impl TetMesh {
 
     /// Whether this mesh has the same elements as `other`. Ten-node tets may be divided into their
     /// pieces in another way, since the shape of an element decides that.
-    pub(crate) fn has_elements_of(&self, other: &TetMesh) -> bool {
+    pub fn has_elements_of(&self, other: &TetMesh) -> bool {
         match (self.quadratic_elements(), other.quadratic_elements()) {
             (Some(own), Some(others)) => own == others,
             _ => self.tets == other.tets,

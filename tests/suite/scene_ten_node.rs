@@ -7,8 +7,9 @@ use palpate::mesh::{ElementOrder, MeshDescription, TetMesh};
 use palpate::scene::{Scene, Stage};
 use std::path::Path;
 
-/// A thick half ring of ten-node tets with curved edges, its nodes in reverse.
-fn half_ring() -> TetMesh {
+/// A thick half ring of ten-node tets with curved edges, its nodes in reverse; divided into pieces as
+/// while its edges were straight.
+fn moved_ring() -> TetMesh {
     let bar = palpate::generate::bar([6, 2, 1], DVec3::new(0.3, 0.03, 0.02)).unwrap();
     let mut mesh = bar.with_mid_edge_nodes().unwrap();
     for p in &mut mesh.nodes {
@@ -19,9 +20,21 @@ fn half_ring() -> TetMesh {
     mesh.nodes.reverse();
     mesh.tets.iter_mut().flatten().for_each(|v| *v = last - *v);
     mesh.length_unit = Some(1.0);
-    // The reverse order of the nodes does not change which of the diagonals is the shortest.
-    assert!(mesh.ten_node_tets().is_ok());
     mesh
+}
+
+/// The ring, divided into pieces by its curved shape.
+fn half_ring() -> TetMesh {
+    let mesh = moved_ring();
+    let elements = mesh.ten_node_tets().unwrap();
+    let made = TetMesh::from_ten_node_tets(mesh.nodes.clone(), &elements, Vec::new(), Vec::new());
+    let ring = TetMesh {
+        length_unit: mesh.length_unit,
+        ..made.unwrap()
+    };
+    assert_eq!(ring.nodes, mesh.nodes);
+    assert_eq!(ring.ten_node_tets().unwrap(), elements);
+    ring
 }
 
 fn scene(file: &Path, order: &str) -> Scene {
@@ -60,6 +73,15 @@ fn order_2_simulates_the_curved_tets_of_the_file() {
         assert_eq!(read.ten_node_tets().unwrap(), mesh.ten_node_tets().unwrap());
         assert_eq!(MeshDescription::new(&read).tets, mesh.tets.len() / 8);
     }
+    // Which pieces the tets have hardly matters.
+    let file = folder.path().join("ring.vtu");
+    let found = positions(
+        &mut Stage::new(&gpu(), &scene(&file, "order = 2")).unwrap(),
+        5,
+    );
+    let mut other = Stage::with_mesh(&gpu(), &scene(&file, "order = 2"), moved_ring()).unwrap();
+    let apart = found.iter().zip(positions(&mut other, 5));
+    assert!(apart.map(|(x, y)| x.distance(y)).fold(0.0, f64::max) < 1e-4);
     // A body with straight edges is another one.
     let mut straight = mesh.clone();
     for element in mesh.ten_node_tets().unwrap() {
@@ -130,7 +152,8 @@ fn folded_tets_of_a_file_are_refused_with_their_place() {
 
 #[test]
 fn ten_node_files_are_joined_with_generated_meshes() {
-    let (folder, mesh) = (tempfile::tempdir().unwrap(), half_ring());
+    let (folder, mut mesh) = (tempfile::tempdir().unwrap(), half_ring());
+    mesh.length_unit = None;
     let file = folder.path().join("ring.vtu");
     io::write(&file, &mesh).unwrap();
     for (order, count) in [(2, 8), (1, 1)] {

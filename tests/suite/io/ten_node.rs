@@ -33,7 +33,11 @@ fn curved_bar() -> TetMesh {
     for v in mesh.tets.iter_mut().flatten() {
         *v = place(*v as usize) as u32;
     }
-    let elements = mesh.tets.len() / 8;
+    let elements = mesh.ten_node_tets().unwrap();
+    // The curved shape decides on the pieces.
+    let made = TetMesh::from_ten_node_tets(mesh.nodes, &elements, Vec::new(), Vec::new());
+    let mut mesh = made.unwrap();
+    let elements = elements.len();
     let of_elements = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
         (0..8 * elements).map(|t| value(t / 8)).collect()
     };
@@ -256,6 +260,19 @@ fn edge_order_of_every_format_is_its_own() {
             mesh.repairs
         );
     }
+    // Medit files may state their order; Gmsh's here.
+    let (name, text) = files(GMSH, VTK).pop().unwrap();
+    let rows = "2 0 0 0\n0 2 0 0\n0 0 2 0\n0 0 0 2\n1 1 0 0\n0 1 1 0\n1 0 1 0\n1 0 0 1\n0 0 1 1\n0 1 0 1\n";
+    let stated = |rows: &str| {
+        let section = format!("TetrahedraP2Ordering\n10\n{rows}TetrahedraP2\n");
+        bench.read(name, text.replace("TetrahedraP2\n", &section).as_bytes())
+    };
+    assert!(has_edges_in_place(&stated(rows).unwrap()));
+    let twice = stated(&rows.replace("0 1 0 1", "0 0 1 1")).unwrap_err();
+    assert!(
+        twice.to_string().contains("TetrahedraP2Ordering"),
+        "{twice}"
+    );
     // Negative control: with the order of the other programs the nodes are on other edges.
     for (name, text) in files(GMSH, VTK) {
         let mesh = bench.read(name, text.as_bytes()).unwrap();
