@@ -59,8 +59,7 @@ def test_order_1_of_a_file_is_its_corners(tmp_path: Path) -> None:
         scene = {
             "mesh": {"file": str(tmp_path / "a.vtu")},
             "material": {"model": "neo-hookean", "order": order},
-            "solver": {"name": "implicit", "engine": "cpu"},
         }
-        stage = palpate.Stage(palpate.Scene.from_dict(scene))
-        assert len(stage.mesh.nodes) == nodes
-        assert any("--order 2" in note for note in stage.notes) == (order == 1)
+        simulator = palpate.Simulator(palpate.Scene(scene), engine="cpu")
+        assert len(simulator.mesh.nodes) == nodes
+        assert any("--order 2" in note for note in simulator.notes) == (order == 1)
