@@ -14,6 +14,7 @@ import meshio
 import numpy as np
 import pyvista
 
+from interop_ten_node import ten_node_tets
 from interop_warp import warped_by_itk
 
 PALPATE = sys.argv[1]
@@ -405,6 +406,7 @@ def main():
         written_by_gmsh(folder)
         written_by_others(folder, mesh, expected, names)
         negative_control(folder, expected)
+        ten_node_tets(folder, run, check)
         moved_by_others(folder)
         warped_by_itk(folder, run, check)
     gmsh.finalize()

@@ -48,7 +48,8 @@ class Mesh:
 
     Args:
         nodes: node positions, shape (n, 3).
-        tets: node indices of each tet, counted from 0, shape (m, 4).
+        tets: node indices of each tet, counted from 0, shape (m, 4); or (m, 10) for ten-node tets in the
+            order of VTK and meshio, which make a mesh of :attr:`order` 2.
         point_data: fields at the nodes by name, shape (n,) or (n, components).
         cell_data: fields in the tets by name; the field ``label`` holds region labels.
         region_names: names of regions by label.
@@ -95,7 +96,7 @@ class Mesh:
     @classmethod
     def read(cls, path: PathOf) -> Mesh:
         """Reads a VTK, VTU, Gmsh, TetGen, Medit or Abaqus file; other cells are divided into tets. The
-        pieces of a .pvtu are merged."""
+        pieces of a .pvtu are merged. Ten-node tets make a mesh of :attr:`order` 2."""
         return cls._of(_palpate.Mesh.read(fspath(path)))
 
     @classmethod
@@ -166,6 +167,12 @@ class Mesh:
         return self._native.tets()
 
     @property
+    def order(self) -> int:
+        """Order of the elements: 1, or 2 for ten-node tets, whose pieces each eight of :attr:`tets` are.
+        A mesh of order 2 is written as ten-node tets."""
+        return self._native.order()
+
+    @property
     def point_data(self) -> dict[str, npt.NDArray[Any]]:
         """Fields at the nodes, by name."""
         return {f.name: f.values for f in self.fields() if not f.in_tets}
@@ -225,11 +232,14 @@ class Mesh:
 
     @classmethod
     def from_meshio(cls, mesh: Any) -> Mesh:
-        """Converts a ``meshio.Mesh``; cells other than tets are dropped."""
+        """Converts a ``meshio.Mesh``; cells other than tets are dropped. Ten-node tets are converted if
+        there are no others."""
         blocks = [n for n, block in enumerate(mesh.cells) if block.type == "tetra"]
         if not blocks:
+            blocks = [n for n, block in enumerate(mesh.cells) if block.type == "tetra10"]
+        if not blocks:
             kinds = ", ".join(sorted({block.type for block in mesh.cells})) or "none"
-            raise InputError(f"the meshio mesh must have cells of type tetra, got {kinds}")
+            raise InputError(f"the meshio mesh must have cells of type tetra or tetra10, got {kinds}")
         return cls(
             mesh.points,
             np.concatenate([mesh.cells[n].data for n in blocks]),
@@ -274,8 +284,8 @@ class Mesh:
             (grid.cell_data if field.in_tets else grid.point_data)[field.name] = field.values
         return grid
 
-    def __reduce__(self) -> tuple[Callable[[bytes], Mesh], tuple[bytes]]:
-        return (_unpickled, (self._native.to_bytes(),))
+    def __reduce__(self) -> tuple[Callable[[int, bytes], Mesh], tuple[int, bytes]]:
+        return (_unpickled, self._native.to_bytes())
 
     def __repr__(self) -> str:
         nodes, tets = self._native.counts()
@@ -283,8 +293,8 @@ class Mesh:
         return f"<palpate.Mesh of {tets} tets and {nodes} nodes; fields: {names or 'none'}>"
 
 
-def _unpickled(content: bytes) -> Mesh:
-    return Mesh._of(_palpate.Mesh.from_bytes(content))
+def _unpickled(order: int, content: bytes) -> Mesh:
+    return Mesh._of(_palpate.Mesh.from_bytes(order, content))
 
 
 def _floats(values: npt.ArrayLike, what: str) -> Points:

@@ -33,7 +33,8 @@ class Material:
         density: density, kg/m³.
         model: ``neo-hookean``, ``corotated`` or ``springs``.
         volume: volumetric formulation: ``per-tet``, or ``averaged`` for Poisson's ratios near 1/2.
-        order: 1 (linear tets) or 2 (quadratic tets, which need far fewer tets for the same error).
+        order: 1 (linear tets) or 2 (quadratic tets, which need far fewer tets for the same error). Of
+            ten-node tets in files, 1 uses the corners and 2 the mid-edge nodes, too.
         damping_ratio: damping ratio at the frequency ``damping_hz``; 1 is critical damping.
         damping_hz: reference frequency of ``damping_ratio``, Hz.
         stiffness: stiffness of each spring, N/m, instead of ``young``.

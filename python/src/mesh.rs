@@ -6,7 +6,7 @@ use crate::scenes;
 use crate::work::LongTask;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use palpate::generate::GENERATORS;
-use palpate::mesh::{AnatomicalFrame, Field, Location, ScalarType, TetMesh};
+use palpate::mesh::{AnatomicalFrame, ElementOrder, Field, Location, ScalarType, TetMesh};
 use palpate::scene::FieldRanges;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -27,6 +27,50 @@ impl From<TetMesh> for Mesh {
 /// A field as Python passes it: name, whether it is a cell field, values in rows, and number type.
 type FieldGiven<'py> = (String, bool, PyReadonlyArray2<'py, f64>, String);
 
+/// The nodes of the cells of a new mesh.
+enum Cells {
+    Tets(Vec<[u32; 4]>),
+    TenNodeTets(Vec<[u32; 10]>),
+}
+
+/// Converts rows of 4 or, in VTK's order, 10 nodes.
+fn indices(py: Python<'_>, tets: &PyReadonlyArray2<'_, i64>) -> PyResult<Cells> {
+    // The middles of the edges 01, 02, 03, 12, 13, 23.
+    const FROM_VTK: [usize; 10] = [0, 1, 2, 3, 4, 6, 7, 5, 8, 9];
+    match tets.as_array().ncols() {
+        4 => Ok(Cells::Tets(index_rows(py, tets)?)),
+        10 => {
+            let rows = index_rows::<10>(py, tets)?.into_iter();
+            let sorted = rows.map(|row| FROM_VTK.map(|k| row[k]));
+            Ok(Cells::TenNodeTets(sorted.collect()))
+        }
+        columns => Err(input_error(
+            py,
+            format!("tets must have shape (n, 4) or (n, 10), got (n, {columns})"),
+        )),
+    }
+}
+
+fn index_rows<const N: usize>(
+    py: Python<'_>,
+    tets: &PyReadonlyArray2<'_, i64>,
+) -> PyResult<Vec<[u32; N]>> {
+    let mut indices = Vec::new();
+    for (t, row) in tets.as_array().rows().into_iter().enumerate() {
+        let mut tet = [0; N];
+        for (corner, v) in tet.iter_mut().zip(row) {
+            *corner = u32::try_from(*v).map_err(|_| {
+                input_error(
+                    py,
+                    format!("tet {t} refers to node {v}; node indices must be ≥ 0"),
+                )
+            })?;
+        }
+        indices.push(tet);
+    }
+    Ok(indices)
+}
+
 #[pymethods]
 impl Mesh {
     #[new]
@@ -41,27 +85,7 @@ impl Mesh {
     ) -> PyResult<Mesh> {
         let frame: Option<AnatomicalFrame> = frame.map(str::parse).transpose().or_raise(py)?;
         let nodes = to_points(py, &nodes, "nodes")?;
-        let tets = tets.as_array();
-        if tets.ncols() != 4 {
-            let columns = tets.ncols();
-            return Err(input_error(
-                py,
-                format!("tets must have shape (n, 4), got (n, {columns})"),
-            ));
-        }
-        let mut indices = Vec::with_capacity(tets.nrows());
-        for (t, row) in tets.rows().into_iter().enumerate() {
-            let mut tet = [0; 4];
-            for (corner, v) in tet.iter_mut().zip(row) {
-                *corner = u32::try_from(*v).map_err(|_| {
-                    input_error(
-                        py,
-                        format!("tet {t} refers to node {v}; node indices must be ≥ 0"),
-                    )
-                })?;
-            }
-            indices.push(tet);
-        }
+        let indices = indices(py, &tets)?;
         let fields = fields.into_iter().map(|(name, in_tets, values, kind)| {
             let values = values.as_array();
             Field {
@@ -76,7 +100,12 @@ impl Mesh {
             }
         });
         let fields = fields.collect();
-        let mesh = py.detach(|| TetMesh::new(nodes, indices, fields, Vec::new()));
+        let mesh = py.detach(|| match indices {
+            Cells::Tets(tets) => TetMesh::new(nodes, tets, fields, Vec::new()),
+            Cells::TenNodeTets(tets) => {
+                TetMesh::from_ten_node_tets(nodes, &tets, fields, Vec::new())
+            }
+        });
         let mut mesh = mesh.or_raise(py)?;
         mesh.region_names = region_names;
         mesh.length_unit = length_unit;
@@ -119,6 +148,11 @@ impl Mesh {
 
     fn tets<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<u32>> {
         rows(py, self.0.tets.iter().flatten().copied().collect(), 4)
+    }
+
+    /// Returns the order of the elements.
+    fn order(&self) -> u32 {
+        self.0.order.number()
     }
 
     fn counts(&self) -> (usize, usize) {
@@ -189,20 +223,26 @@ impl Mesh {
         Ok(mesh.into())
     }
 
-    /// Returns the mesh as a file in memory, for pickling.
-    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+    /// Returns the order of the elements and the mesh as a file in memory, for pickling. The file has
+    /// the pieces of ten-node tets, which keeps the values of fields in each.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<(u32, Bound<'py, PyBytes>)> {
         let bytes = py.detach(|| -> palpate::Result<Vec<u8>> {
             let folder = tempfile::tempdir().map_err(palpate::Error::io("temporary folder"))?;
             let file = folder.path().join("mesh.vtu");
-            palpate::io::write(&file, &self.0)?;
+            let pieces = TetMesh {
+                order: ElementOrder::Linear,
+                ..TetMesh::clone(&self.0)
+            };
+            palpate::io::write(&file, &pieces)?;
             std::fs::read(&file).map_err(palpate::Error::io(&file))
         });
-        Ok(PyBytes::new(py, &bytes.or_raise(py)?))
+        Ok((self.order(), PyBytes::new(py, &bytes.or_raise(py)?)))
     }
 
     #[staticmethod]
-    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Mesh> {
-        let mesh = palpate::io::parse("mesh.vtu", bytes).or_raise(py)?;
+    fn from_bytes(py: Python<'_>, order: u32, bytes: &[u8]) -> PyResult<Mesh> {
+        let mut mesh = palpate::io::parse("mesh.vtu", bytes).or_raise(py)?;
+        mesh.order = ElementOrder::from_number(order.into()).or_raise(py)?;
         Ok(mesh.into())
     }
 }

@@ -59,7 +59,7 @@ pub fn run(arguments: &ConvertArguments) -> anyhow::Result<Outcome> {
             json!({
                 "output": output.to_string_lossy(),
                 "nodes": mesh.nodes.len(),
-                "tets": mesh.tets.len(),
+                "tets": mesh.element_count(),
                 "pieces": arguments.pieces,
                 "notes": notes,
             })

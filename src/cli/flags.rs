@@ -207,7 +207,8 @@ pub struct SceneFlags {
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
     pub volume: Vec<VolumeFlag>,
     /// Set the order of the finite elements: 1 (linear tets) or 2 (quadratic tets, which need far
-    /// fewer tets for the same error; on the CPU) [default: 1]
+    /// fewer tets for the same error; on the CPU; of ten-node tets in files, 1 uses the corners and 2
+    /// the mid-edge nodes, too) [default: 1]
     #[arg(long, value_name = "N", help_heading = "Physics", value_parser = super::order_flag::order)]
     pub order: Option<ElementOrder>,
     /// Set the density, in kg/m³

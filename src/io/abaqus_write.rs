@@ -1,11 +1,12 @@
-//! Writer for Abaqus input files: nodes, C3D4 elements, and one element set per region. Materials,
+//! Writer for Abaqus input files: nodes, C3D4 or C3D10 elements, and one element set per region. Materials,
 //! sections and steps are left to the user.
 
 use super::atomic_write;
 use super::format::dropped_fields_note;
 use super::groups::Groups;
 use super::metadata;
-use crate::mesh::{Field, TetMesh};
+use super::ten_node::FileMesh;
+use crate::mesh::{ElementOrder, Field};
 use crate::{Error, Result};
 use std::collections::{BTreeMap, HashSet};
 use std::io::Write;
@@ -19,11 +20,12 @@ const MAX_NAME_LENGTH: usize = 80;
 const COLUMNS: usize = 16;
 
 /// Writes nodes, tets and regions.
-pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
+pub(super) fn write(path: &Path, file_mesh: &FileMesh) -> Result<Vec<String>> {
+    let mesh = &*file_mesh.mesh;
     let groups = Groups::from_mesh(mesh, 1);
     let sets = set_names(&groups);
     atomic_write(path, |file| {
-        fill(file, mesh, &groups, &sets).map_err(Error::io(path))
+        fill(file, file_mesh, &groups, &sets).map_err(Error::io(path))
     })?;
     let others: Vec<&Field> = mesh
         .fields
@@ -75,10 +77,11 @@ fn short(value: f64) -> String {
 
 fn fill(
     file: &mut impl Write,
-    mesh: &TetMesh,
+    file_mesh: &FileMesh,
     groups: &Groups,
     sets: &[String],
 ) -> std::io::Result<()> {
+    let mesh = &*file_mesh.mesh;
     write!(
         file,
         "*HEADING\nWritten by Palpate {}\n{}{}*NODE\n",
@@ -90,10 +93,17 @@ fn fill(
         let [x, y, z] = p.to_array().map(short);
         writeln!(file, "{}, {x}, {y}, {z}", i + 1)?;
     }
-    writeln!(file, "*ELEMENT, TYPE=C3D4")?;
-    for (t, tet) in mesh.tets.iter().enumerate() {
-        let [a, b, c, d] = tet.map(|v| u64::from(v) + 1);
-        writeln!(file, "{}, {a}, {b}, {c}, {d}", t + 1)?;
+    let element = match file_mesh.order() {
+        ElementOrder::Linear => "C3D4",
+        ElementOrder::Quadratic => "C3D10",
+    };
+    writeln!(file, "*ELEMENT, TYPE={element}")?;
+    for (t, nodes) in file_mesh.cells().enumerate() {
+        write!(file, "{}", t + 1)?;
+        for v in nodes {
+            write!(file, ", {}", u64::from(*v) + 1)?;
+        }
+        writeln!(file)?;
     }
     let mut tets: BTreeMap<i32, Vec<String>> = BTreeMap::new();
     for (t, group) in groups.tet_groups.iter().enumerate() {

@@ -3,6 +3,10 @@
 /// VTK number of a linear tetrahedron.
 pub(super) const TET: u8 = 10;
 
+/// VTK number of a tetrahedron with ten nodes: corners, then middles of the edges 01, 12, 20, 03, 13
+/// and 23.
+pub(super) const QUADRATIC_TET: u8 = 24;
+
 /// VTK number of the last linear cell with volume.
 pub(super) const HEXAGONAL_PRISM_KIND: u8 = 16;
 
@@ -139,7 +143,7 @@ pub(super) fn kind(kind: u8) -> (&'static str, CellSupport) {
         22 | 34 | 61 | 69 | 76 => ("curved triangle", Drop),
         23 | 28 | 30 | 62 | 70 | 77 => ("curved quadrilateral", Drop),
         36 | 63 => ("curved polygon", Drop),
-        24 => ("second-order tetrahedron", Cut(&TETRAHEDRON)),
+        QUADRATIC_TET => ("second-order tetrahedron", Cut(&TETRAHEDRON)),
         64 | 71 | 78 => ("higher-order tetrahedron", Cut(&TETRAHEDRON)),
         67 | 72 | 79 => ("higher-order hexahedron", Cut(&HEXAHEDRON)),
         25 | 29 | 33 => ("second-order hexahedron", Cut(&HEXAHEDRON)),

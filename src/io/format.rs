@@ -1,5 +1,6 @@
 //! Output formats of meshes.
 
+use super::ten_node::FileMesh;
 use super::{abaqus_write, gmsh_write, medit_write, tetgen_write, vtk_legacy_write, vtu_write};
 use crate::mesh::{Field, Location, TetMesh};
 use crate::{Error, Result};
@@ -98,6 +99,9 @@ impl FromStr for MeshFormat {
 /// Writes a mesh in the format of the extension of `path` (see [`MeshFormat::from_extension`]),
 /// atomically. VTK and Gmsh files are binary, the others text with all digits of a double.
 ///
+/// A mesh of order 2 is written as ten-node tets, except to TetGen's files, which get the pieces; of a
+/// cell field each ten-node tet gets the mean of its pieces by volume, of integers the first value.
+///
 /// `.vtu` is lossless: a written mesh reads back identical (node fields first, then cell fields; a
 /// field whose values its number type cannot represent is written as Float64). The other formats
 /// store nodes, tets, regions with their names, the unit of length, and the fields that they
@@ -133,18 +137,19 @@ pub fn write_as(
         )));
     }
     check(mesh)?;
+    let file_mesh = || FileMesh::new(mesh);
     match format {
         MeshFormat::Vtu if text => Err(Error::Input(format!(
             "{}: .vtu cannot be written as text; use legacy VTK (.vtk)",
             path.display()
         ))),
         MeshFormat::Vtu => vtu_write::write(path, mesh, &mesh.nodes, &[]).map(|()| Vec::new()),
-        MeshFormat::Vtk => vtk_legacy_write::write(path, mesh, text),
-        MeshFormat::Gmsh41 => gmsh_write::write(path, mesh, 4, text),
-        MeshFormat::Gmsh22 => gmsh_write::write(path, mesh, 2, text),
-        MeshFormat::Medit => medit_write::write(path, mesh),
+        MeshFormat::Vtk => vtk_legacy_write::write(path, &file_mesh(), text),
+        MeshFormat::Gmsh41 => gmsh_write::write(path, &file_mesh(), 4, text),
+        MeshFormat::Gmsh22 => gmsh_write::write(path, &file_mesh(), 2, text),
+        MeshFormat::Medit => medit_write::write(path, &file_mesh()),
         MeshFormat::Tetgen => tetgen_write::write(path, mesh),
-        MeshFormat::Abaqus => abaqus_write::write(path, mesh),
+        MeshFormat::Abaqus => abaqus_write::write(path, &file_mesh()),
     }
 }
 

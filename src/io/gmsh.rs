@@ -6,6 +6,7 @@
 //! constant 0; a cell in several physical groups belongs to the first. If physical volumes have
 //! names, their tags become the cell field `label`, too. Partitions are ignored.
 
+use super::cell_kinds::QUADRATIC_TET;
 use super::cursor::ParseResult;
 use super::gmsh_data::DataSection;
 use super::gmsh_entities::{Entities, physical_name};
@@ -14,6 +15,7 @@ use super::gmsh_source::Source;
 use super::id_map::{Tags, repeated_numbers};
 use super::metadata::{Metadata, integer_field};
 use super::raw_mesh::RawMesh;
+use super::ten_node::swap_gmsh_order;
 use crate::mesh::Location;
 use glam::DVec3;
 
@@ -249,6 +251,9 @@ impl File {
                     "element {tag} refers to node {node}, which is missing in $Nodes"
                 ))
             })?;
+        }
+        if kind == QUADRATIC_TET {
+            swap_gmsh_order(&mut corners);
         }
         let corners = &corners[..width];
         if self.elements.push(tag) {

@@ -3,6 +3,7 @@
 use super::cursor::ParseResult;
 use super::gmsh_source::Source;
 use super::raw_mesh::RawMesh;
+use super::ten_node::fill_middles;
 use crate::mesh::{Field, Location, ScalarType};
 
 /// One section of values.
@@ -54,7 +55,8 @@ impl DataSection {
     }
 
     /// Adds the section to `mesh` as a field with a tuple for each item of `needed`, if it has one
-    /// for all needed items. A later time step replaces an earlier one.
+    /// for all needed items; without one at the middle of an edge of a ten-node tet it is the mean of the
+    /// ends. A later time step replaces an earlier one.
     pub fn add_to(
         self,
         mesh: &mut RawMesh,
@@ -80,6 +82,9 @@ impl DataSection {
                 values[i * self.components..][..self.components].copy_from_slice(tuple);
                 missing[i] = false;
             }
+        }
+        if location == Location::Node {
+            fill_middles(&mesh.cells, self.components, &mut values, &mut missing);
         }
         let gaps = missing.iter().filter(|m| **m).count();
         if gaps > 0 {

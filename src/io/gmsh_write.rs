@@ -8,19 +8,27 @@ use super::atomic_write;
 use super::format::{dropped_fields_note, one_line};
 use super::groups::Groups;
 use super::metadata;
-use crate::mesh::{Field, Location, TetMesh};
+use super::ten_node::FileMesh;
+use crate::mesh::{ElementOrder, Field, Location, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::Path;
 
-/// Gmsh numbers of the dimension of a volume and of the type of a linear tet.
+/// Gmsh numbers of the dimension of a volume, and of the types of tets with four and ten nodes.
 const VOLUME: i32 = 3;
 const TET: i32 = 4;
+const QUADRATIC_TET: i32 = 11;
 
 /// Writes `mesh` as version `version`, 2 (2.2) or 4 (4.1).
-pub(super) fn write(path: &Path, mesh: &TetMesh, version: u32, text: bool) -> Result<Vec<String>> {
+pub(super) fn write(
+    path: &Path,
+    file_mesh: &FileMesh,
+    version: u32,
+    text: bool,
+) -> Result<Vec<String>> {
+    let mesh = &*file_mesh.mesh;
     let groups = Groups::from_mesh(mesh, 1);
     let is_covered = |f: &&Field| {
         groups.is_covered_by_groups(mesh, f)
@@ -38,7 +46,7 @@ pub(super) fn write(path: &Path, mesh: &TetMesh, version: u32, text: bool) -> Re
             text,
             wide: version >= 4,
         };
-        out.mesh(mesh, version, &groups, &entities, &fields)
+        out.mesh(file_mesh, version, &groups, &entities, &fields)
             .map_err(Error::io(path))
     })?;
     let mut notes = Vec::new();
@@ -83,6 +91,13 @@ fn entities(mesh: &TetMesh, groups: &Groups) -> Vec<i32> {
             group => group,
         })
         .collect()
+}
+
+fn element_type(mesh: &FileMesh) -> i32 {
+    match mesh.order() {
+        ElementOrder::Linear => TET,
+        ElementOrder::Quadratic => QUADRATIC_TET,
+    }
 }
 
 struct Out<'a, W> {
@@ -147,12 +162,13 @@ impl<W: Write> Out<'_, W> {
 
     fn mesh(
         &mut self,
-        mesh: &TetMesh,
+        file_mesh: &FileMesh,
         version: u32,
         groups: &Groups,
         entities: &[i32],
         fields: &[&Field],
     ) -> Done {
+        let mesh = &*file_mesh.mesh;
         let number = if version >= 4 { "4.1" } else { "2.2" };
         let binary = u8::from(!self.text);
         self.lines(&format!("$MeshFormat\n{number} {binary} 8\n"))?;
@@ -167,9 +183,9 @@ impl<W: Write> Out<'_, W> {
         }
         self.names(groups)?;
         if version >= 4 {
-            self.mesh_4(mesh, groups, entities)?;
+            self.mesh_4(file_mesh, groups, entities)?;
         } else {
-            self.mesh_2(mesh, groups, entities)?;
+            self.mesh_2(file_mesh, groups, entities)?;
         }
         fields.iter().try_for_each(|field| self.field(field))
     }
@@ -192,7 +208,9 @@ impl<W: Write> Out<'_, W> {
         ))
     }
 
-    fn mesh_2(&mut self, mesh: &TetMesh, groups: &Groups, entities: &[i32]) -> Done {
+    fn mesh_2(&mut self, file_mesh: &FileMesh, groups: &Groups, entities: &[i32]) -> Done {
+        let mesh = &*file_mesh.mesh;
+        let kind = element_type(file_mesh);
         self.lines(&format!("$Nodes\n{}\n", mesh.nodes.len()))?;
         for (i, node) in mesh.nodes.iter().enumerate() {
             self.sizes(&[i + 1])?;
@@ -202,22 +220,23 @@ impl<W: Write> Out<'_, W> {
         self.end("Nodes")?;
         self.lines(&format!("$Elements\n{}\n", mesh.tets.len()))?;
         if !self.text {
-            self.ints(&[TET, mesh.tets.len() as i32, 2])?;
+            self.ints(&[kind, mesh.tets.len() as i32, 2])?;
         }
-        for (t, tet) in mesh.tets.iter().enumerate() {
+        for t in 0..mesh.tets.len() {
             self.sizes(&[t + 1])?;
             if self.text {
-                self.ints(&[TET, 2])?;
+                self.ints(&[kind, 2])?;
             }
             let group = groups.tet_groups.get(t).copied().unwrap_or(0);
             self.ints(&[group, entities[t]])?;
-            self.sizes(&tet.map(|v| v as usize + 1))?;
+            self.sizes(&file_mesh.gmsh_tags_of(t))?;
             self.end_line()?;
         }
         self.end("Elements")
     }
 
-    fn mesh_4(&mut self, mesh: &TetMesh, groups: &Groups, entities: &[i32]) -> Done {
+    fn mesh_4(&mut self, file_mesh: &FileMesh, groups: &Groups, entities: &[i32]) -> Done {
+        let mesh = &*file_mesh.mesh;
         // The tets of each entity, in their order.
         let mut blocks: BTreeMap<i32, Vec<usize>> = BTreeMap::new();
         for (t, entity) in entities.iter().enumerate() {
@@ -228,9 +247,9 @@ impl<W: Write> Out<'_, W> {
         self.end_line()?;
         for (entity, tets) in &blocks {
             self.ints(&[*entity])?;
-            let nodes = tets.iter().flat_map(|t| mesh.tets[*t]);
+            let nodes = tets.iter().flat_map(|t| file_mesh.nodes_of(*t));
             let (low, high) = nodes
-                .map(|v| mesh.nodes[v as usize])
+                .map(|v| mesh.nodes[*v as usize])
                 .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| {
                     (low.min(p), high.max(p))
                 });
@@ -270,12 +289,12 @@ impl<W: Write> Out<'_, W> {
         self.sizes(&[blocks.len(), count, 1, count])?;
         self.end_line()?;
         for (entity, tets) in &blocks {
-            self.ints(&[VOLUME, *entity, TET])?;
+            self.ints(&[VOLUME, *entity, element_type(file_mesh)])?;
             self.sizes(&[tets.len()])?;
             self.end_line()?;
             for t in tets {
                 self.sizes(&[t + 1])?;
-                self.sizes(&mesh.tets[*t].map(|v| v as usize + 1))?;
+                self.sizes(&file_mesh.gmsh_tags_of(*t))?;
                 self.end_line()?;
             }
         }

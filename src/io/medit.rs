@@ -1,12 +1,14 @@
 //! Reader for Medit ASCII `.mesh` files.
 //!
 //! References become the fields `medit:ref` of nodes and cells, the names used by meshio;
-//! references that are constant 0 carry no information and are dropped. Sections other than
-//! vertices and cells are skipped.
+//! references that are constant 0 carry no information and are dropped. The middles of the edges of
+//! TetrahedraP2 are in VTK's order, unless a section TetrahedraP2Ordering states another one. Sections
+//! other than vertices and cells are skipped.
 
+use super::cell_kinds::QUADRATIC_TET;
 use super::cursor::{Cursor, ParseResult};
 use super::metadata::Metadata;
-use super::raw_mesh::RawMesh;
+use super::raw_mesh::{Cells, RawMesh};
 use crate::mesh::{Field, Location, ScalarType};
 use glam::DVec3;
 
@@ -28,7 +30,7 @@ const SECTIONS: [(&str, u8, usize); 16] = [
     ("triangles", 5, 3),
     ("quadrilaterals", 9, 4),
     ("edges", 3, 2),
-    ("tetrahedrap2", 24, 10),
+    ("tetrahedrap2", QUADRATIC_TET, 10),
     ("hexahedraq2", 29, 27),
     ("trianglesp2", 22, 6),
     ("edgesp2", 21, 3),
@@ -56,6 +58,7 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     let mut mesh = RawMesh::default();
     let mut node_refs = Vec::new();
     let mut cell_refs = Vec::new();
+    let mut ordering = VTK_ORDER;
     let first = at.word(format_args!("MeshVersionFormatted"))?;
     if first.to_ascii_lowercase() != MAGIC {
         let shown: String = first.chars().take(40).collect();
@@ -82,6 +85,8 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
             }
         } else if keyword == "vertices" {
             read_vertices(&mut at, &mut mesh, &mut node_refs)?;
+        } else if keyword == "tetrahedrap2ordering" {
+            ordering = read_ordering(&mut at)?;
         } else if let Some((_, kind, width)) = SECTIONS.iter().find(|s| s.0 == keyword) {
             read_cells(&mut at, &keyword, *kind, *width, &mut mesh, &mut cell_refs)?;
         } else if ["tetra", "hexa", "prisms", "penta", "wedges", "pyramids"]
@@ -105,6 +110,9 @@ pub(super) fn read(bytes: &[u8]) -> ParseResult<RawMesh> {
     }
     if mesh.nodes.is_empty() {
         return Err("file has no Vertices section".into());
+    }
+    if ordering != VTK_ORDER {
+        mesh.cells = reordered(&mesh.cells, ordering);
     }
     keep_refs(&mut mesh, Location::Node, node_refs);
     Metadata::read(bytes, "# ").add_to(&mut mesh, &cell_refs);
@@ -157,6 +165,53 @@ fn read_cells(
         refs.push(reference(at, format_args!("{keyword} {i} of {count}"))?);
     }
     Ok(())
+}
+
+/// The places of the nodes of ten-node tets in VTK's order.
+const VTK_ORDER: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9];
+
+/// Reads the section that states the order of the nodes of ten-node tets by their barycentric
+/// coordinates times 2. Returns the place of each node of VTK's order.
+fn read_ordering(at: &mut Cursor) -> ParseResult<[usize; 10]> {
+    const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
+    let count = at.count(
+        format_args!("the number of nodes in TetrahedraP2Ordering"),
+        8,
+    )?;
+    let mut places = [None; 10];
+    for i in 0..count {
+        let mut weights = [0; 4];
+        for weight in &mut weights {
+            *weight = at.integer(format_args!("a coordinate of node {} of {count}", i + 1))?;
+        }
+        let corner = (0..4).find(|a| weights[*a] == 2);
+        let edge = EDGES
+            .iter()
+            .position(|edge| edge.iter().all(|a| weights[*a] == 1));
+        let place = corner.or(edge.map(|edge| 4 + edge));
+        if let Some(place) = place.filter(|_| weights.iter().sum::<i64>() == 2) {
+            places[place] = Some(i);
+        }
+    }
+    let all: Vec<usize> = places.into_iter().flatten().collect();
+    let all = <[usize; 10]>::try_from(all).ok().filter(|_| count == 10);
+    all.ok_or_else(|| {
+        at.error(
+            "TetrahedraP2Ordering must have the 4 corners (2 0 0 0 …) and the 6 edges (1 1 0 0 …) of a tetrahedron once each",
+        )
+    })
+}
+
+/// Returns cells with the nodes of ten-node tets at `places` in VTK's order.
+fn reordered(cells: &Cells, places: [usize; 10]) -> Cells {
+    let mut sorted = Cells::default();
+    for (kind, nodes) in cells.iter() {
+        match kind {
+            QUADRATIC_TET => sorted.push(kind, places.map(|place| nodes[place] as usize)),
+            _ => sorted.push(kind, nodes.iter().map(|v| *v as usize)),
+        }
+    }
+    sorted
 }
 
 /// Reads a reference. It should be an integer, but some programs write it as "1.0".

@@ -1,10 +1,12 @@
 //! Writer for Medit `.mesh` files, text. Regions are the references of tets.
+//! The middles of the edges of ten-node tets are in VTK's order, as in the files of Gmsh.
 
 use super::atomic_write;
 use super::format::dropped_fields_note;
 use super::groups::Groups;
 use super::metadata;
-use crate::mesh::{Field, Location, TetMesh};
+use super::ten_node::FileMesh;
+use crate::mesh::{ElementOrder, Field, Location, TetMesh};
 use crate::{Error, Result};
 use std::io::Write;
 use std::path::Path;
@@ -13,11 +15,12 @@ use std::path::Path;
 pub(super) const NODE_MARKERS: [&str; 2] = ["medit:ref", "tetgen:ref"];
 
 /// Writes nodes, tets and references.
-pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
+pub(super) fn write(path: &Path, file_mesh: &FileMesh) -> Result<Vec<String>> {
+    let mesh = &*file_mesh.mesh;
     let groups = Groups::from_mesh(mesh, i32::MIN);
     let markers = node_markers(mesh);
     atomic_write(path, |file| {
-        fill(file, mesh, &groups, markers).map_err(Error::io(path))
+        fill(file, file_mesh, &groups, markers).map_err(Error::io(path))
     })?;
     let others: Vec<&Field> = mesh
         .fields
@@ -56,10 +59,11 @@ pub(super) fn is_whole(values: &[f64]) -> bool {
 
 fn fill(
     file: &mut impl Write,
-    mesh: &TetMesh,
+    file_mesh: &FileMesh,
     groups: &Groups,
     markers: Option<&Field>,
 ) -> std::io::Result<()> {
+    let mesh = &*file_mesh.mesh;
     write!(
         file,
         "MeshVersionFormatted 2\nDimension 3\n{}Vertices\n{}\n",
@@ -70,11 +74,17 @@ fn fill(
         let marker = markers.map_or(0.0, |m| m.values[i]);
         writeln!(file, "{:?} {:?} {:?} {marker}", p.x, p.y, p.z)?;
     }
-    write!(file, "Tetrahedra\n{}\n", mesh.tets.len())?;
-    for (t, tet) in mesh.tets.iter().enumerate() {
-        let [a, b, c, d] = tet.map(|v| u64::from(v) + 1);
+    let section = match file_mesh.order() {
+        ElementOrder::Linear => "Tetrahedra",
+        ElementOrder::Quadratic => "TetrahedraP2",
+    };
+    write!(file, "{section}\n{}\n", mesh.tets.len())?;
+    for (t, nodes) in file_mesh.cells().enumerate() {
+        for v in nodes {
+            write!(file, "{} ", u64::from(*v) + 1)?;
+        }
         let group = groups.tet_groups.get(t).copied().unwrap_or(0);
-        writeln!(file, "{a} {b} {c} {d} {group}")?;
+        writeln!(file, "{group}")?;
     }
     file.write_all(b"End\n")
 }

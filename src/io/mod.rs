@@ -41,6 +41,7 @@ mod pvtu;
 mod raw_mesh;
 mod scalar;
 mod surface;
+mod ten_node;
 mod tetgen;
 mod tetgen_write;
 mod ucd;
@@ -84,8 +85,9 @@ use std::path::Path;
 const READABLE_FORMATS: &str = "VTK legacy (.vtk), VTK XML (.vtu, .pvtu), Gmsh (.msh), TetGen (.node with .ele), Medit (.mesh), MFEM (.mesh), Abaqus (.inp) and AVS UCD (.inp)";
 
 /// Reads a mesh in any supported format: VTK legacy, VTU, Gmsh 1 to 4.1, TetGen, Medit, MFEM,
-/// Abaqus, AVS UCD; the pieces of a partitioned mesh (`.pvtu`) are merged. The format is detected from the content, then
-/// from the extension. Changes (cells subdivided or dropped, repairs) are reported in
+/// Abaqus, AVS UCD; the pieces of a partitioned mesh (`.pvtu`) are merged. The format is detected from
+/// the content, then from the extension. Files with ten-node tets give a mesh of order 2
+/// ([`TetMesh::order`]). Changes (cells subdivided or dropped, repairs) are reported in
 /// [`TetMesh::repairs`].
 ///
 /// # Errors

@@ -11,7 +11,10 @@ use super::cell_kinds::{
 };
 use super::cursor::ParseResult;
 use super::polyhedra;
-use crate::mesh::{AnatomicalFrame, Field, Location, ScalarType, TetMesh, signed_volume};
+use super::ten_node::ten_nodes;
+use crate::mesh::{
+    AnatomicalFrame, EdgeMiddles, Field, Location, ScalarType, TetMesh, signed_volume,
+};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -143,7 +146,11 @@ impl RawMesh {
         for (cell, (number, nodes)) in self.cells.iter().enumerate() {
             if let CellSupport::Cut(solid) = kind(number).1 {
                 of_cell[cell] = true;
-                for v in nodes.iter().take(solid.corners) {
+                let used = match ten_nodes(number, nodes) {
+                    Some(all) => all.len(),
+                    None => solid.corners,
+                };
+                for v in nodes.iter().take(used) {
                     if let Some(used) = of_node.get_mut(*v as usize) {
                         *used = true;
                     }
@@ -153,7 +160,8 @@ impl RawMesh {
         (of_node, of_cell)
     }
 
-    /// Converts the cells to tets and repairs the mesh with [`TetMesh::new`].
+    /// Converts the cells to tets and repairs the mesh with [`TetMesh::new`]. With a ten-node tet
+    /// among the cells the mesh has order 2.
     ///
     /// # Errors
     /// An error for a cell with the wrong number of nodes or a node out of range, for no volumetric
@@ -182,12 +190,13 @@ impl RawMesh {
             return Err(tets.found.nothing_volumetric());
         }
         tets.found.warn(&mut self.warnings);
+        let middles = tets.edge_middles(&self.cells, &mut self.warnings);
         let nodes = self.nodes.len();
         let cells = self.cells.len();
         let mut fields =
             fields_of_tets(self.fields, nodes, cells, &tets.source, &mut self.warnings);
         tets.add_centres(&mut self.nodes, &mut fields, &mut self.warnings);
-        let made = TetMesh::new(self.nodes, tets.tets, fields, self.warnings);
+        let made = TetMesh::of_order(self.nodes, tets.tets, fields, self.warnings, middles);
         let mut mesh = made.map_err(|e| match e {
             crate::Error::Mesh(what) => what,
             other => other.to_string(),
@@ -235,7 +244,9 @@ impl Tets {
                 corners.len()
             ));
         }
-        if corners.len() > solid.corners {
+        if ten_nodes(number, corners).is_some() {
+            self.found.ten_node += 1;
+        } else if corners.len() > solid.corners {
             *self.found.higher_order.entry(name).or_default() += 1;
         }
         if solid.corners > 4 {
@@ -244,6 +255,25 @@ impl Tets {
         cut(solid, &corners[..solid.corners], nodes, &mut self.tets);
         self.source.resize(self.tets.len(), index);
         Ok(())
+    }
+
+    /// Returns the middle nodes of the ten-node tets among `cells`, if there are any.
+    fn edge_middles(&self, cells: &Cells, warnings: &mut Vec<String>) -> Option<EdgeMiddles> {
+        let count = self.found.ten_node;
+        if count == 0 {
+            return None;
+        }
+        let others = self.tets.len() - count;
+        if others > 0 {
+            warnings.push(format!(
+                "{others} tets of other cells got mid-edge nodes like the {count} ten-node tets: those of \
+                the same edges, otherwise straight ones"
+            ));
+        }
+        let elements = cells
+            .iter()
+            .filter_map(|(kind, nodes)| ten_nodes(kind, nodes));
+        Some(EdgeMiddles::new(elements))
     }
 
     /// Adds the tets of cell `index`, a polyhedron.
@@ -401,6 +431,8 @@ fn fields_of_tets(
 struct Census {
     cut: BTreeMap<&'static str, usize>,
     higher_order: BTreeMap<&'static str, usize>,
+    /// Ten-node tets, which keep all nodes.
+    ten_node: usize,
     dropped: BTreeMap<&'static str, usize>,
     holes: BTreeMap<&'static str, usize>,
 }

@@ -8,6 +8,7 @@ use super::cursor::{Cursor, ParseResult, integer, number};
 use super::id_map::{Tags, repeated_numbers};
 use super::metadata::Metadata;
 use super::raw_mesh::RawMesh;
+use super::ten_node::sort_by_position;
 use crate::mesh::{Field, Location, ScalarType};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -258,6 +259,9 @@ pub(super) fn read_elements(bytes: &[u8], tags: &Tags, mesh: &mut RawMesh) -> Pa
         }
         let wanted = format_args!("an attribute of {what}");
         extra.read(&at, &row, 1 + corners, wanted);
+        if corners == 10 {
+            sort_by_position(&mut tet, |v| mesh.nodes.get(v).copied().unwrap_or_default());
+        }
         mesh.cells.push(kind, tet[..corners].iter().copied());
     }
     no_more(&mut at, count, "tetrahedra")?;

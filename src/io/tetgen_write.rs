@@ -7,7 +7,7 @@ use super::groups::Groups;
 use super::medit_write::{is_whole, node_markers};
 use super::metadata;
 use super::metadata::integer_field;
-use crate::mesh::{Field, Location, TetMesh};
+use crate::mesh::{ElementOrder, Field, Location, TetMesh};
 use crate::{Error, Result};
 use std::io::Write;
 use std::path::Path;
@@ -39,6 +39,10 @@ pub(super) fn write(path: &Path, mesh: &TetMesh) -> Result<Vec<String>> {
         notes.push(
             "region labels are not 32-bit integers; region attributes renumbered from 1".to_owned(),
         );
+    }
+    if mesh.order == ElementOrder::Quadratic {
+        let note = "each ten-node tet written as eight four-node ones to TetGen files";
+        notes.push(note.to_owned());
     }
     let why = "attributes of tets must be integers";
     notes.extend(dropped_fields_note(&others, why));

@@ -1,20 +1,22 @@
 //! Writer for the VTK legacy format, version 3 (supported by all readers), binary or text.
 
+use super::ten_node::FileMesh;
 use super::vtk_legacy_names::encoded;
 use super::vtk_regions::{self, Values};
-use super::{atomic_write, cell_kinds, scalar};
-use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use super::{atomic_write, scalar};
+use crate::mesh::{Field, Location, ScalarType};
 use crate::{Error, Result};
 use std::io::Write;
 use std::path::Path;
 
 /// Writes `mesh` with all its fields.
-pub(super) fn write(path: &Path, mesh: &TetMesh, text: bool) -> Result<Vec<String>> {
+pub(super) fn write(path: &Path, mesh: &FileMesh, text: bool) -> Result<Vec<String>> {
     atomic_write(path, |file| fill(file, mesh, text).map_err(Error::io(path)))?;
     Ok(Vec::new())
 }
 
-fn fill(file: &mut impl Write, mesh: &TetMesh, text: bool) -> std::io::Result<()> {
+fn fill(file: &mut impl Write, file_mesh: &FileMesh, text: bool) -> std::io::Result<()> {
+    let mesh = &*file_mesh.mesh;
     // 3D Slicer reads it in the title.
     let frame = mesh.frame;
     let frame = frame.map_or(String::new(), |f| format!(". {}", f.statement()));
@@ -39,15 +41,15 @@ fn fill(file: &mut impl Write, mesh: &TetMesh, text: bool) -> std::io::Result<()
     writeln!(file, "POINTS {} double", mesh.nodes.len())?;
     numbers(file, text, &nodes, ScalarType::F64, 3)?;
     let count = mesh.tets.len();
-    let cells: Vec<f64> = mesh
-        .tets
-        .iter()
-        .flat_map(|[a, b, c, d]| [4, *a, *b, *c, *d].map(f64::from))
+    let width = file_mesh.width();
+    let cells: Vec<f64> = file_mesh
+        .cells()
+        .flat_map(|nodes| std::iter::once(width as f64).chain(nodes.iter().map(|v| f64::from(*v))))
         .collect();
-    writeln!(file, "CELLS {count} {}", 5 * count)?;
-    numbers(file, text, &cells, ScalarType::I32, 5)?;
+    writeln!(file, "CELLS {count} {}", (width + 1) * count)?;
+    numbers(file, text, &cells, ScalarType::I32, width + 1)?;
     writeln!(file, "CELL_TYPES {count}")?;
-    let kinds = vec![f64::from(cell_kinds::TET); count];
+    let kinds = vec![f64::from(file_mesh.kind()); count];
     numbers(file, text, &kinds, ScalarType::I32, 1)?;
     for (section, location, items) in [
         ("POINT_DATA", Location::Node, mesh.nodes.len()),

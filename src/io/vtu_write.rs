@@ -2,6 +2,7 @@
 //! little-endian, UInt64 headers; the default of VTK and ParaView.
 
 use super::scalar;
+use super::ten_node::FileMesh;
 use super::vtk_regions::{self, Values};
 use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::parallel;
@@ -15,8 +16,8 @@ use std::path::Path;
 /// Size of a compressed block in bytes.
 const BLOCK: usize = 1 << 18;
 
-/// Writes the tets of `mesh` with nodes at `nodes`, the mesh's fields and `extra` ones (which
-/// replace those of the mesh of the same name).
+/// Writes the tets of `mesh` (of order 2 the ten-node tets) with nodes at `nodes`, the mesh's fields
+/// and `extra` ones (which replace those of the mesh of the same name).
 ///
 /// # Errors
 /// An error for positions or fields of the wrong length, or if the file cannot be written.
@@ -39,6 +40,14 @@ pub(super) fn write_with_array(
             mesh.nodes.len()
         )));
     }
+    let items = |f: &Field| match f.location {
+        Location::Node => nodes.len(),
+        Location::Cell => mesh.tets.len(),
+    };
+    extra.iter().try_for_each(|f| check_length(f, items(f)))?;
+    let file_mesh = FileMesh::new(mesh);
+    let extra: Vec<Field> = extra.iter().map(|f| file_mesh.field(mesh, f)).collect();
+    let mesh = &*file_mesh.mesh;
     let replaced = |f: &Field| {
         extra
             .iter()
@@ -48,7 +57,7 @@ pub(super) fn write_with_array(
         .fields
         .iter()
         .filter(|f| !replaced(f))
-        .chain(extra)
+        .chain(&extra)
         .collect();
     let mut appended = Vec::new();
     let mut head = format!(
@@ -68,7 +77,7 @@ pub(super) fn write_with_array(
         }
         head += &format!("</{section}>\n");
     }
-    topology_arrays(&mut head, &mut appended, mesh, nodes)?;
+    topology_arrays(&mut head, &mut appended, &file_mesh, nodes)?;
     head += "</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
     super::atomic_write(path, |file| {
         let mut put = |bytes: &[u8]| file.write_all(bytes).map_err(Error::io(path));
@@ -78,13 +87,8 @@ pub(super) fn write_with_array(
     })
 }
 
-/// Adds the array of a field of `items` nodes or cells.
-fn field_array(
-    head: &mut String,
-    appended: &mut Vec<u8>,
-    field: &Field,
-    items: usize,
-) -> Result<()> {
+/// Checks that a field has the values of `items` nodes or cells.
+fn check_length(field: &Field, items: usize) -> Result<()> {
     if items.checked_mul(field.components) != Some(field.values.len()) {
         return Err(Error::Mesh(format!(
             "field \"{}\" has {} values, which does not match {items} {} of {} components",
@@ -94,6 +98,17 @@ fn field_array(
             field.components
         )));
     }
+    Ok(())
+}
+
+/// Adds the array of a field of `items` nodes or cells.
+fn field_array(
+    head: &mut String,
+    appended: &mut Vec<u8>,
+    field: &Field,
+    items: usize,
+) -> Result<()> {
+    check_length(field, items)?;
     let exact = scalar::is_lossless(&field.values, field.scalar_type);
     let kind = if exact {
         field.scalar_type
@@ -108,7 +123,7 @@ fn field_array(
 fn topology_arrays(
     head: &mut String,
     appended: &mut Vec<u8>,
-    mesh: &TetMesh,
+    mesh: &FileMesh,
     nodes: &[DVec3],
 ) -> Result<()> {
     let positions: Vec<u8> = nodes
@@ -116,16 +131,17 @@ fn topology_arrays(
         .flat_map(|p| p.to_array())
         .flat_map(f64::to_le_bytes)
         .collect();
+    let count = mesh.mesh.tets.len();
     let corners: Vec<u8> = mesh
-        .tets
-        .iter()
+        .cells()
         .flatten()
         .flat_map(|v| v.to_le_bytes())
         .collect();
-    let ends: Vec<u8> = (1..=mesh.tets.len() as u64)
-        .flat_map(|t| (4 * t).to_le_bytes())
+    let width = mesh.width() as u64;
+    let ends: Vec<u8> = (1..=count as u64)
+        .flat_map(|t| (width * t).to_le_bytes())
         .collect();
-    let kinds = vec![super::cell_kinds::TET; mesh.tets.len()];
+    let kinds = vec![mesh.kind(); count];
     *head += "<Points>\n";
     array(head, appended, "Points", ScalarType::F64, 3, &positions)?;
     *head += "</Points>\n<Cells>\n";

@@ -1,6 +1,6 @@
 //! Merging of several meshes into one, so that one picture shows all.
 
-use super::{Field, Location, ScalarType, TetMesh};
+use super::{ElementOrder, Field, Location, ScalarType, TetMesh};
 use crate::{Error, Result};
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ impl TetMesh {
     /// Merges the named meshes `parts`: concatenates nodes and tets, without joining nodes. The
     /// cell field `label` numbers the regions of all meshes from 1, named `name` or `name/region`.
     /// Other fields are kept; a field missing in one of the meshes is 0 there, and a warning
-    /// reports it.
+    /// reports it. The result has order 2 if all of them have.
     ///
     /// # Errors
     /// An [`Error::Input`] if the meshes have different units; an [`Error::Mesh`] if they have more
@@ -33,9 +33,14 @@ impl TetMesh {
                 unit in all meshes"
             )));
         }
+        let is_quadratic = |part: &(String, &TetMesh)| part.1.order == ElementOrder::Quadratic;
         let mut whole = TetMesh {
             nodes: Vec::with_capacity(nodes),
             tets: Vec::with_capacity(tets),
+            order: match !parts.is_empty() && parts.iter().all(is_quadratic) {
+                true => ElementOrder::Quadratic,
+                false => ElementOrder::Linear,
+            },
             length_unit: unit,
             frame: parts.iter().find_map(|(_, m)| m.frame),
             ..TetMesh::default()

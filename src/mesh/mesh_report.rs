@@ -1,11 +1,12 @@
 //! Statistics and problems of a mesh: the content of `palpate info`.
 
 use super::{
-    AnatomicalFrame, BoundaryReport, DIHEDRAL_BINS, Field, Location, QualityReport, TetMesh,
-    Topology, components,
+    AnatomicalFrame, BoundaryReport, DIHEDRAL_BINS, ElementOrder, Field, Location, QualityReport,
+    TetMesh, Topology, components,
 };
 use crate::number_format::significant;
 use rayon::slice::ParallelSliceMut;
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// Report of `palpate info` on a mesh; its JSON keys are the names of these members. Lengths and
@@ -14,8 +15,14 @@ use std::fmt;
 pub struct MeshDescription {
     /// Nodes that tets use.
     pub nodes: usize,
-    /// Tets after the repairs.
+    /// Tets after the repairs: of order 2 the ten-node tets, whose corners the counts and qualities
+    /// below describe.
     pub tets: usize,
+    /// Order of the elements: 2 for ten-node tets.
+    pub order: u32,
+    /// Ten-node tets whose Jacobian is ≤ 0 at a quadrature point: they cannot be simulated with
+    /// order 2.
+    pub folded_ten_node_tets: usize,
     /// Faces that belong to one tet only.
     pub boundary_faces: usize,
     /// Sum of the volumes of the tets.
@@ -130,6 +137,40 @@ fn regions(mesh: &TetMesh) -> (Option<String>, Vec<RegionDescription>) {
 impl MeshDescription {
     /// Describes `mesh`. Time O(n log n), in parallel.
     pub fn new(mesh: &TetMesh) -> MeshDescription {
+        let Some(elements) = mesh.quadratic_elements() else {
+            return MeshDescription::of_linear(mesh);
+        };
+        let corners = MeshDescription::of_linear(&mesh.mesh_of_corners(&elements));
+        let (low, high) = mesh.bounds();
+        let folded = mesh.folded_elements(&elements);
+        let volumes = corners.region_field.as_deref();
+        let volumes = volumes.and_then(|name| mesh.field(name, Location::Cell));
+        let volumes = volumes.map_or_else(BTreeMap::new, |field| mesh.regions_of(field));
+        let curved = |region: &RegionDescription| RegionDescription {
+            volume: volumes
+                .get(&region.label)
+                .map_or(region.volume, |found| found.1),
+            ..region.clone()
+        };
+        let mut description = MeshDescription {
+            order: ElementOrder::Quadratic.number(),
+            folded_ten_node_tets: folded.len(),
+            volume: mesh.volume(),
+            regions: corners.regions.iter().map(curved).collect(),
+            bounds: [low.to_array(), high.to_array()],
+            ..corners
+        };
+        if let Some(first) = folded.first() {
+            description.warnings.push(format!(
+                "{} ten-node tets are inverted or folded (a Jacobian ≤ 0 at a quadrature point), the first of them tet {first} (counted from 0); order 2 cannot simulate them",
+                folded.len()
+            ));
+        }
+        description
+    }
+
+    /// Describes a mesh of four-node tets.
+    fn of_linear(mesh: &TetMesh) -> MeshDescription {
         let topology = Topology::new(mesh);
         let shape = BoundaryReport::new(mesh, &topology);
         let (low, high) = mesh.bounds();
@@ -138,6 +179,8 @@ impl MeshDescription {
         let mut description = MeshDescription {
             nodes: mesh.nodes.len(),
             tets: mesh.tets.len(),
+            order: ElementOrder::Linear.number(),
+            folded_ten_node_tets: 0,
             boundary_faces: shape.faces,
             volume: mesh.volume(),
             bounds: [low.to_array(), high.to_array()],
@@ -217,6 +260,13 @@ impl fmt::Display for MeshDescription {
         let yes = |flag: bool, what: &'static str, no: &'static str| if flag { what } else { no };
         row(f, "nodes", grouped(self.nodes))?;
         row(f, "tets", grouped(self.tets))?;
+        if self.order == ElementOrder::Quadratic.number() {
+            let folded = match self.folded_ten_node_tets {
+                0 => String::new(),
+                count => format!("; {} with a Jacobian ≤ 0", grouped(count)),
+            };
+            row(f, "order", format!("2: tets with ten nodes{folded}"))?;
+        }
         row(f, "boundary faces", grouped(self.boundary_faces))?;
         row(
             f,

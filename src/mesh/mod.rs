@@ -8,6 +8,7 @@ mod boundary;
 mod bvh;
 mod cut;
 mod edge_face_intersection;
+mod edge_middles;
 mod field;
 mod frame;
 mod group_by;
@@ -18,6 +19,8 @@ mod order;
 mod packed_normal;
 mod partition;
 mod quadratic;
+mod quadratic_elements;
+mod quadratic_shape;
 mod quality;
 mod region_field;
 mod region_surface;
@@ -42,6 +45,7 @@ pub use cut::{TetCut, cut, remove};
 #[cfg(test)]
 pub(crate) use edge_face_intersection::intersect_edge_face;
 pub(crate) use edge_face_intersection::{EdgeFaceIntersection, edge_face_intersections};
+pub(crate) use edge_middles::EdgeMiddles;
 pub use field::{Field, Location, ScalarType};
 pub use frame::LocalFrame;
 pub(crate) use group_by::group_by_key;
@@ -54,6 +58,7 @@ pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
 pub use partition::{MeshPartition, MeshPiece};
 pub use quadratic::ElementOrder;
 pub(crate) use quadratic::{PIECES, TenNodes, traction_shares};
+pub(crate) use quadratic_shape::{QUADRATURE, QUADRATURE_POINTS, quadrature_point, unit_map};
 pub(crate) use quality::DIHEDRAL_BINS;
 pub use quality::{QualityReport, TetQuality, WorstTet};
 pub use repair::RepairReport;
@@ -82,6 +87,9 @@ pub struct TetMesh {
     pub nodes: Vec<DVec3>,
     /// Four node indices per tet.
     pub tets: Vec<[u32; 4]>,
+    /// Order of the elements that the tets stand for: of order 2, each eight tets are the pieces of a
+    /// ten-node tet (see [`TetMesh::with_mid_edge_nodes`]), and writers write ten-node tets.
+    pub order: ElementOrder,
     /// Fields at the nodes and in the tets, by name.
     pub fields: Vec<Field>,
     /// Names of the regions by their value in the cell field `label`, if known.

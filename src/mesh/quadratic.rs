@@ -64,14 +64,32 @@ impl TetMesh {
     /// Returns this mesh with a node in the middle of each edge and each tet replaced by eight: the
     /// mesh of a body of order 2. The nodes of this mesh come first, in their order. Fields of tets
     /// are repeated; fields of nodes are averaged along edges, except that whole numbers (labels) are
-    /// taken from the first node.
+    /// taken from the first node. A mesh of order 2 is returned as it is.
     ///
     /// # Errors
     /// [`Error::Input`] if the mesh would have too many nodes.
     pub fn with_mid_edge_nodes(&self) -> Result<TetMesh> {
+        match self.order {
+            ElementOrder::Linear => self.with_middles(|_| None),
+            ElementOrder::Quadratic => Ok(self.clone()),
+        }
+    }
+
+    /// As [`TetMesh::with_mid_edge_nodes`] for a mesh of order 1 that has the nodes in the middle of
+    /// some edges already: `given` returns them by (smaller, larger) corner.
+    pub(super) fn with_middles(&self, given: impl Fn([u32; 2]) -> Option<u32>) -> Result<TetMesh> {
         let edges = self.edges();
-        let count = self.nodes.len();
-        if count.saturating_add(edges.len()) > MAX_NODES {
+        let mut bare: Vec<[u32; 2]> = Vec::new();
+        let middles: Vec<u32> = edges
+            .iter()
+            .map(|edge| {
+                given(*edge).unwrap_or_else(|| {
+                    bare.push(*edge);
+                    (self.nodes.len() + bare.len() - 1) as u32
+                })
+            })
+            .collect();
+        if self.nodes.len().saturating_add(bare.len()) > MAX_NODES {
             return Err(Error::Input(format!(
                 "order 2 needs a node on each of {} edges, more than a mesh can have; use order 1 or a coarser mesh",
                 edges.len()
@@ -80,11 +98,10 @@ impl TetMesh {
         let middle = |a: u32, b: u32| {
             let edge = [a.min(b), a.max(b)];
             // Every edge of a tet is among them.
-            let index = edges.binary_search(&edge).unwrap_or_default();
-            (count + index) as u32
+            middles[edges.binary_search(&edge).unwrap_or_default()]
         };
         let mut nodes = self.nodes.clone();
-        nodes.extend(edges.iter().map(|[a, b]| {
+        nodes.extend(bare.iter().map(|[a, b]| {
             let [a, b] = [a, b].map(|v| self.nodes[*v as usize]);
             a.midpoint(b)
         }));
@@ -93,11 +110,12 @@ impl TetMesh {
             let middles = TET_EDGES.map(|[a, b]| middle(tet[a], tet[b]));
             pieces(tet, middles, &nodes)
         });
-        let fields = self.fields.iter().map(|f| refined_field(f, &edges));
+        let fields = self.fields.iter().map(|f| refined_field(f, &bare));
         Ok(TetMesh {
             tets: groups.into_iter().flatten().collect(),
             fields: fields.collect(),
             nodes,
+            order: ElementOrder::Quadratic,
             region_names: self.region_names.clone(),
             length_unit: self.length_unit,
             frame: self.frame,
@@ -166,7 +184,7 @@ fn ten_nodes(group: &[[u32; 4]]) -> Option<TenNodes> {
 
 /// Returns the eight pieces of a tet with these nodes in the middle of its edges. The octahedron is
 /// divided along its shortest diagonal.
-fn pieces(tet: [u32; 4], middles: [u32; 6], nodes: &[DVec3]) -> [[u32; 4]; PIECES] {
+pub(super) fn pieces(tet: [u32; 4], middles: [u32; 6], nodes: &[DVec3]) -> [[u32; 4]; PIECES] {
     let [ab, ac, ad, bc, bd, cd] = middles;
     let [a, b, c, d] = tet;
     let at = |v: u32| nodes[v as usize];

@@ -1,7 +1,7 @@
 //! Validation and repair of meshes.
 
 use super::group_by::map_groups;
-use super::{Field, Location, TetMesh};
+use super::{EdgeMiddles, Field, Location, TetMesh};
 use crate::{Error, Result, parallel};
 use glam::DVec3;
 
@@ -38,6 +38,17 @@ impl TetMesh {
         fields: Vec<Field>,
         warnings: Vec<String>,
     ) -> Result<TetMesh> {
+        TetMesh::of_order(nodes, tets, fields, warnings, None)
+    }
+
+    /// As [`TetMesh::new`]; with `middles`, the nodes in the middle of edges, a mesh of order 2.
+    pub(crate) fn of_order(
+        nodes: Vec<DVec3>,
+        tets: Vec<[u32; 4]>,
+        fields: Vec<Field>,
+        warnings: Vec<String>,
+        middles: Option<EdgeMiddles>,
+    ) -> Result<TetMesh> {
         let mut mesh = TetMesh {
             nodes,
             tets,
@@ -60,8 +71,11 @@ impl TetMesh {
                     .into(),
             ));
         }
-        mesh.drop_unused_nodes();
         mesh.repairs.overshared_faces = super::topology::crowded_faces(&mesh.tets);
+        if let Some(middles) = middles {
+            mesh = mesh.with_edge_middles(middles)?;
+        }
+        mesh.drop_unused_nodes();
         mesh.describe_repairs();
         Ok(mesh)
     }

@@ -1,6 +1,6 @@
 //! Comparison of a mesh before and after its nodes moved.
 
-use super::TetMesh;
+use super::{TenNodes, TetMesh};
 use crate::{Error, Result};
 
 const ADVICE: &str = "give a deformed copy of the mesh at rest, for example from `palpate render \
@@ -20,6 +20,21 @@ impl TetMesh {
                 self.nodes.len(),
                 rest.nodes.len()
             ));
+        }
+        if let (Some(own), Some(others)) = (self.quadratic_elements(), rest.quadratic_elements()) {
+            // Which pieces a ten-node tet has depends on its shape.
+            let corners = rest.mesh_of_corners(&others);
+            self.mesh_of_corners(&own)
+                .check_same_connectivity(&corners)?;
+            let sorted = |mut elements: Vec<TenNodes>| {
+                elements.iter_mut().for_each(|nodes| nodes.sort_unstable());
+                elements.sort_unstable();
+                elements
+            };
+            return match own.len() != others.len() || sorted(own) == sorted(others) {
+                true => Ok(()),
+                false => refuse("ten-node tets have other mid-edge nodes than at rest".into()),
+            };
         }
         let sorted = |tet: &[u32; 4]| {
             let mut tet = *tet;

@@ -113,7 +113,7 @@ impl Press {
     /// or invalid numbers; otherwise as [`Stage::new`].
     pub fn new(gpu: &Gpu, scene: &Scene, wanted: &PressOptions) -> Result<Press> {
         wanted.check()?;
-        let mesh = scene.load_mesh(&no_progress)?;
+        let mesh = scene.load_simulated_mesh(&no_progress)?;
         let setup = PressSetup::on_table(scene, &mesh, wanted.radius)?;
         let mut still = setup.scene.clone();
         still.solver.name = None;

@@ -23,13 +23,14 @@ pub(super) struct BodySource {
 }
 
 impl Scene {
-    /// Returns the mesh of a scene of one body.
+    /// Returns the mesh of a scene of one body, as it is simulated: of ten-node tets the corners only,
+    /// unless the scene sets order 2.
     ///
     /// # Errors
     /// [`Error::Input`] for a scene of several bodies; otherwise as [`MeshSource::load`].
     pub fn mesh_of_one(&self) -> Result<TetMesh> {
         match self.body.is_empty() {
-            true => self.load_mesh(&no_progress),
+            true => self.load_simulated_mesh(&no_progress),
             false => Err(Error::Input(
                 "a single body is required, but the scene has [[body]] entries; use a scene with the [mesh] of one of them".into(),
             )),

@@ -2,10 +2,11 @@
 //! body's mesh and interact with it by self-contact. Shapes other than spheres, capsules and boxes
 //! are meshed.
 
+use super::element_order::four_node_mesh;
 use super::tool::apply_appearance;
 use super::{ContactEntry, GrabEntry, LabelOrName, Scene, TissueEntry, TissueTable, ToolEntry};
 use crate::gpu::Gpu;
-use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use crate::mesh::{ElementOrder, Field, Location, ScalarType, TetMesh};
 use crate::meshing::mesh_file;
 use crate::physics::{Shape, Tool, ToolPose};
 use crate::skin::{Mapping, Skin, SkinBase};
@@ -231,6 +232,9 @@ impl Scene {
         if dynamic.is_empty() {
             return Ok((self.clone(), mesh));
         }
+        if self.material.order.unwrap_or_default() == ElementOrder::Linear {
+            mesh = four_node_mesh(mesh);
+        }
         if !self.body.is_empty() || self.grid.is_some() || self.cage.is_some() {
             return Err(Error::Input(
                 "a [[tool]] with a mass or a spring requires a single tetrahedral body, not [[body]], [grid] or [cage]; give it a path instead".into(),
@@ -341,6 +345,7 @@ fn append(mesh: &mut TetMesh, name: &str, nodes: &[DVec3], tets: &[[u32; 4]]) ->
     let mut fields: Vec<Field> = mesh.fields.clone();
     mesh.nodes.extend(nodes);
     mesh.tets.extend(tets.iter().map(|t| t.map(|v| v + first)));
+    mesh.order = ElementOrder::Linear;
     for own in &mut fields {
         let more = match own.location {
             Location::Node => nodes.len(),

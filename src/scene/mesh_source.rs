@@ -5,7 +5,9 @@ use super::{JoinEntry, LabelsEntry, MeshSource, Scene, missing_values};
 use crate::generate;
 use crate::generate::Lump;
 use crate::io::{self, Kind};
-use crate::mesh::{AnatomicalFrame, Field, Location, TetCut, TetMesh, Topology, depth_field};
+use crate::mesh::{
+    AnatomicalFrame, ElementOrder, Field, Location, TetCut, TetMesh, Topology, depth_field,
+};
 use crate::meshing::{Labels, MeshingConfig, TargetSize};
 use crate::physics::BodyField;
 use crate::render::{Scalars, TransferFunction};
@@ -49,7 +51,15 @@ impl MeshSource {
             let others = self.join.iter().enumerate();
             let meets = || mesh.frame.is_some() || meets_scan();
             let others = others.map(|(k, other)| other.load(k, self.frame, &meets, progress));
-            let others: Vec<(String, TetMesh)> = others.collect::<Result<_>>()?;
+            let mut others: Vec<(String, TetMesh)> = others.collect::<Result<_>>()?;
+            // With ten-node tets in one mesh, all get them.
+            let mut all = std::iter::once(&mesh).chain(others.iter().map(|(_, mesh)| mesh));
+            if all.any(|mesh| mesh.order == ElementOrder::Quadratic) {
+                mesh = mesh.with_mid_edge_nodes()?;
+                for (_, other) in &mut others {
+                    *other = other.with_mid_edge_nodes()?;
+                }
+            }
             let first = ("first".to_owned(), &mesh);
             let rest = others.iter().map(|(name, mesh)| (name.clone(), mesh));
             let parts: Vec<(String, &TetMesh)> = std::iter::once(first).chain(rest).collect();

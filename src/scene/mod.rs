@@ -40,6 +40,7 @@ mod checkpoint;
 mod computed_field;
 mod default_load;
 mod dynamic_tools;
+mod element_order;
 mod entries;
 mod even_traction;
 mod grid;

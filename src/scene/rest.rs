@@ -36,11 +36,7 @@ impl Scene {
             mesh.check_same_connectivity(&rest).map_err(wrong)?;
             let now = std::mem::replace(&mut mesh.nodes, rest.nodes);
             // Readers reoriented the tetrahedra that were inverted in the deformed state.
-            for t in 0..mesh.tets.len() {
-                if mesh.tet_volume(t) < 0.0 {
-                    mesh.tets[t].swap(2, 3);
-                }
-            }
+            mesh.flip_inverted();
             return Ok(Some((now, None)));
         }
         let needed = !self.scan.is_empty()

@@ -1,5 +1,6 @@
 //! Builds the simulator of a scene from its material, solver, supports and loads.
 
+use super::element_order::{four_node_mesh, ten_node_mesh};
 use super::even_traction::EvenTraction;
 use super::reactions::NamedPins;
 use super::time_dependent_loads::TimeDependentLoads;
@@ -72,13 +73,13 @@ impl SimulatorSetup {
         notes.extend(tissue_notes);
         material.length_unit = unit.unwrap_or(1.0);
         let mesh = match material.order {
-            ElementOrder::Linear => mesh,
+            ElementOrder::Linear => four_node_mesh(mesh),
             ElementOrder::Quadratic if shape.is_some() || scene.cage.is_some() => {
                 return Err(Error::Input(
                     "[material] order = 2 (--order 2) requires a simulated tetrahedral body; remove [grid] and [cage], or use order 1".into(),
                 ));
             }
-            ElementOrder::Quadratic => mesh.with_mid_edge_nodes()?,
+            ElementOrder::Quadratic => ten_node_mesh(mesh, &material)?,
         };
         if let Some(entry) = scene.tets_only_entry()
             && (shape.is_some() || scene.cage.is_some())

@@ -26,6 +26,7 @@ mod scene_pieces;
 mod scene_quadratic;
 mod scene_reactions;
 mod scene_scan;
+mod scene_ten_node;
 mod scene_tools;
 mod scene_window;
 mod scenes;

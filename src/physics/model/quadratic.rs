@@ -11,18 +11,13 @@
 //! strains as the element has deformation modes.
 
 use super::elements::{ConstitutiveModel, Element, Elements};
-use crate::mesh::{PIECES, TET_EDGES, TetMesh};
+use crate::mesh::{PIECES, TET_EDGES, TetMesh, unit_map};
+pub(crate) use crate::mesh::{QUADRATURE, QUADRATURE_POINTS, quadrature_point};
 use glam::{DMat3, DVec3};
 
 /// Number of nodes of a ten-node tet: its corners, then the middles of its edges in the order of
 /// [`TET_EDGES`].
 pub(crate) const QUADRATIC_NODES: usize = 10;
-
-/// Number of quadrature points.
-pub(crate) const QUADRATURE_POINTS: usize = 4;
-
-/// α and β, the barycentric coordinates of the quadrature points.
-pub(crate) const QUADRATURE: [f64; 2] = [0.585_410_196_624_968_5, 0.138_196_601_125_010_5];
 
 /// The nodes of a ten-node tet in the middle of its edges, in the order of [`TET_EDGES`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,38 +38,13 @@ pub(crate) struct QuadraticShape {
     pub volumes: [f64; QUADRATURE_POINTS],
 }
 
-/// Returns the barycentric coordinates of quadrature point `point`.
-pub(crate) fn quadrature_point(point: usize) -> [f64; 4] {
-    let [alpha, beta] = QUADRATURE;
-    std::array::from_fn(|a| if a == point { alpha } else { beta })
-}
-
-/// Returns dN/dL: for each shape function its derivative by each barycentric coordinate at `l`.
-pub(crate) fn shape_derivatives(l: [f64; 4]) -> [[f64; 4]; QUADRATIC_NODES] {
-    let mut derivatives = [[0.0; 4]; QUADRATIC_NODES];
-    for (a, l) in l.iter().enumerate() {
-        derivatives[a][a] = 4.0 * l - 1.0;
-    }
-    for (edge, [a, b]) in TET_EDGES.iter().enumerate() {
-        derivatives[4 + edge][*a] = 4.0 * l[*b];
-        derivatives[4 + edge][*b] = 4.0 * l[*a];
-    }
-    derivatives
-}
-
 /// Returns the shape function gradients (1/m) at `l` of a tet with rest positions `rest` (m), and
 /// the determinant of its map from the unit tet, m³; `None` if the map is not invertible there.
 pub(crate) fn shape_gradients(
     rest: &[DVec3; QUADRATIC_NODES],
     l: [f64; 4],
 ) -> Option<([DVec3; QUADRATIC_NODES], f64)> {
-    // L_0 = 1 − ξ − η − ζ, L_1 = ξ, L_2 = η, L_3 = ζ.
-    let by_unit_coordinates =
-        shape_derivatives(l).map(|d| DVec3::new(d[1] - d[0], d[2] - d[0], d[3] - d[0]));
-    let mut map = DMat3::ZERO;
-    for (x, d) in rest.iter().zip(by_unit_coordinates) {
-        map += DMat3::from_cols(*x * d.x, *x * d.y, *x * d.z);
-    }
+    let (map, by_unit_coordinates) = unit_map(rest, l);
     let determinant = map.determinant();
     let inverse = map.inverse().transpose();
     let is_valid = determinant > 0.0 && determinant.is_finite() && inverse.is_finite();

@@ -174,7 +174,7 @@ impl PressMap {
     /// without a suitable point; otherwise as loading the mesh.
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         wanted.check()?;
-        let mesh = scene.load_mesh(&no_progress)?;
+        let mesh = scene.load_simulated_mesh(&no_progress)?;
         if let Some(pieces) = validity::in_pieces(&mesh) {
             return Err(Error::Input(pieces));
         }

@@ -73,7 +73,7 @@ impl Stage {
     pub fn show_mesh(&mut self, mesh: TetMesh) -> Result<bool> {
         let own = self.mesh();
         let regions = |mesh: &TetMesh| mesh.region_field().map(|f| f.values.clone());
-        let same = own.tets == mesh.tets
+        let same = own.has_elements_of(&mesh)
             && own.nodes.len() == mesh.nodes.len()
             && regions(own) == regions(&mesh);
         if same || self.motion().is_some() {

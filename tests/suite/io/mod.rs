@@ -19,6 +19,7 @@ mod sample;
 mod space;
 mod surface_repairs;
 mod surfaces;
+mod ten_node;
 mod variants;
 mod volume_files;
 mod volume_repairs;
