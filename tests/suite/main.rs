@@ -31,6 +31,7 @@ mod scene_window;
 mod scenes;
 mod sizes;
 mod skin;
+mod stages;
 mod study;
 mod support;
 mod tint;

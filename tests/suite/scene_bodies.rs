@@ -1,5 +1,6 @@
 //! Scenes of several bodies.
 
+use crate::stages::{refused, stage};
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::mesh::TetMesh;
@@ -8,15 +9,6 @@ use palpate::render::Image;
 use palpate::scene::{Checkpoint, Scene, Stage};
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data");
-
-fn stage(text: &str) -> Stage {
-    Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
-}
-
-fn refused(text: &str) -> String {
-    let scene = Scene::parse(text).unwrap();
-    Stage::new(&gpu(), &scene).err().unwrap().to_string()
-}
 
 /// Returns two boxes of 0.1 m, red at y = 0 and blue at y = 0.3, opaque, viewed along `way`.
 fn boxes(way: f64, more: &str) -> String {

@@ -1,9 +1,9 @@
 //! Dynamic tools (with a mass or on a spring) in scenes.
 
-use crate::support::gpu;
+use crate::stages::{reaction, refused, stage};
 use glam::DVec3;
 use palpate::mesh::Blade;
-use palpate::scene::{Scene, Stage};
+use palpate::scene::Stage;
 
 /// A box of 10 cm on a table.
 const BOX: &str = r#"
@@ -48,18 +48,6 @@ mass = 0.2
 friction = 0.4
 "#;
 
-fn stage(text: &str) -> Stage {
-    Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
-}
-
-fn refused(text: &str) -> String {
-    let scene = Scene::parse(text).unwrap();
-    match Stage::new(&gpu(), &scene) {
-        Ok(_) => panic!("invalid scene accepted: {text}"),
-        Err(error) => error.to_string(),
-    }
-}
-
 /// Returns the mean position of the nodes of a region.
 fn middle(stage: &Stage, name: &str) -> DVec3 {
     let mesh = stage.mesh();
@@ -89,14 +77,7 @@ fn middle(stage: &Stage, name: &str) -> DVec3 {
 fn spring_tool_force_is_limited_and_free_tool_comes_to_rest() {
     let mut stage = stage(&format!("{BOX}{FINGER}{WEIGHT}"));
     stage.run(100, &mut |_| {}).unwrap();
-    let force = |stage: &mut Stage, name: &str| {
-        let all = stage.reactions().unwrap();
-        let found = all.iter().find(|(own, _)| own == name);
-        found
-            .unwrap_or_else(|| panic!("no {name} in {all:?}"))
-            .1
-            .force
-    };
+    let force = |stage: &mut Stage, name: &str| reaction(stage, name).force;
     let pressed = force(&mut stage, "finger spring");
     assert!((pressed.length() - 3.0).abs() < 1e-3, "{pressed}");
     assert!(pressed.z > 2.9, "{pressed}");

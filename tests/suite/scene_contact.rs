@@ -1,5 +1,6 @@
 //! Self-contact of a body in scenes.
 
+use crate::stages::stage;
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::scene::{Scene, Stage};
@@ -28,10 +29,6 @@ z_below = 0.001
 [picture]
 size = [32, 24]
 "#;
-
-fn stage(text: &str) -> Stage {
-    Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
-}
 
 /// Counts the boundary edges that intersect boundary faces: by the signs of volumes, for all pairs
 /// with overlapping bounding boxes.

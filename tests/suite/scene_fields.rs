@@ -1,5 +1,6 @@
 //! Computed fields of a moving body: rendering by name, and output.
 
+use crate::stages::{refused_scene as refused, run};
 use crate::support::gpu;
 use palpate::gpu::Gpu;
 use palpate::mesh::{Field, Location};
@@ -34,20 +35,9 @@ size = [48, 36]
     Scene::parse(&text).unwrap()
 }
 
-fn refused(scene: &Scene) -> String {
-    match Stage::new(&gpu(), scene) {
-        Err(error) => error.to_string(),
-        Ok(_) => panic!("invalid scene accepted"),
-    }
-}
-
 fn values<'a>(fields: &'a [Field], name: &str, at: Location) -> &'a [f64] {
     let found = fields.iter().find(|f| f.name == name && f.location == at);
     &found.unwrap_or_else(|| panic!("no {name}")).values
-}
-
-fn run(stage: &mut Stage, steps: u32) {
-    stage.run(steps, &mut |_| {}).unwrap();
 }
 
 #[test]

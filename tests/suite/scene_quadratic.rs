@@ -1,60 +1,18 @@
 //! Features of scenes on bodies of order 2: each cell of the table in docs/accuracy.md.
 
+use crate::stages::{FINGER, TABLE, box_scene, positions, reaction, run, stage};
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::mesh::Blade;
-use palpate::physics::{BodyField, Engine, Reaction};
+use palpate::physics::{BodyField, Engine};
 use palpate::scene::{Scene, Stage};
 
 /// A cube of 0.1 m, of 162 quadratic tets.
-const BOX: &str = r#"
-[mesh]
-generate = "box"
-tets = 162
-unit = 1.0
-[material]
-model = "neo-hookean"
-order = 2
-young = 2e4
-poisson = 0.3
-density = 1000
-[solver]
-name = "implicit"
-dt = 0.05
-tolerance = 1e-7
-sleep = false
-gravity = [0, 0, 0]
-[picture]
-size = [48, 36]
-"#;
-
-const TABLE: &str = "[[pin]]\nname = \"table\"\naxis = \"z\"\nbelow = 0.01\n";
-
-const FINGER: &str = r#"
-[[tool]]
-name = "finger"
-sphere = { radius = 0.02 }
-at = [0.05, 0.05, 0.125]
-path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02]]
-"#;
-
-fn stage(text: &str) -> Stage {
-    Stage::new(&gpu(), &Scene::parse(text).unwrap()).unwrap()
-}
-
-fn run(stage: &mut Stage, steps: u32) {
-    stage.run(steps, &mut |_| {}).unwrap();
-}
-
-fn positions(stage: &Stage) -> Vec<DVec3> {
-    stage.motion().unwrap().positions().unwrap()
-}
-
-fn reaction(stage: &mut Stage, name: &str) -> Reaction {
-    let all = stage.reactions().unwrap();
-    let found = all.iter().find(|(own, _)| own == name);
-    found.unwrap_or_else(|| panic!("no {name} in {all:?}")).1
-}
+const BOX: &str = box_scene!(
+    "162",
+    "order = 2",
+    "dt = 0.05\ntolerance = 1e-7\nsleep = false\ngravity = [0, 0, 0]"
+);
 
 fn field(stage: &Stage, field: BodyField) -> Vec<f64> {
     let simulator = stage.motion().unwrap().simulator.as_ref();
