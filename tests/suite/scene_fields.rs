@@ -76,7 +76,8 @@ fn stress_field_is_rendered_over_its_observed_range() {
         ends.iter().sum::<f64>() / ends.len() as f64
     });
     let (stress, weight) = (stress.unwrap(), 1060.0 * 9.81 * 0.12);
-    assert!((0.6..1.4).contains(&(stress / weight)), "{stress} {weight}");
+    let share = stress / weight;
+    assert!((share - 1.0379).abs() < 2e-3, "{share}");
 }
 
 #[test]

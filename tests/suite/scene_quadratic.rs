@@ -153,14 +153,17 @@ fn tool_on_order_2_presses_as_on_a_finer_mesh() {
         table.length()
     };
     let (coarse, coarser, fine) = (force(2, 1296), force(1, 1296), force(1, 20_000));
-    println!("order 2: {coarse:.4} N, order 1: {coarser:.4} N, finer: {fine:.4} N");
-    assert!((coarse / fine - 1.0).abs() < 0.5 * (coarser / fine - 1.0).abs());
+    let found = [coarse, coarser, fine];
+    println!("order 2, order 1 and finer: {found:.4?} N");
+    for (force, expected) in found.iter().zip([8.257, 11.517, 8.107]) {
+        assert!((force / expected - 1.0).abs() < 0.01, "{found:?}");
+    }
 }
 
 #[test]
 fn order_2_supports_rigid_regions_muscles_and_joined_meshes() {
     let text = BOX.replace(
-        "generate = \"box\"\ntets = 162\nunit = 1.0",
+        "generate = \"box\"\nunit = 1.0\ntets = 162",
         "generate = \"biceps\"\ntets = 1500",
     );
     let mut stage = stage(&format!(
@@ -175,7 +178,8 @@ fn order_2_supports_rigid_regions_muscles_and_joined_meshes() {
     let before = length(&stage);
     run(&mut stage, 10);
     let after = length(&stage);
-    assert!(after < 0.99 * before, "{before} {after}");
+    let share = after / before;
+    assert!((share - 0.6911).abs() < 1e-3, "{share}");
     let joined = r#"
 [mesh]
 generate = "box"
@@ -208,7 +212,7 @@ size = [48, 36]
     // The upper box fell by 5 mm onto the lower one, which is pressed by its weight.
     let upper = (0..x.len()).filter(|i| resting.mesh().nodes[*i].z > 0.1045);
     let lowest = upper.map(|i| x[i].z).fold(f64::MAX, f64::min);
-    assert!((0.085..0.101).contains(&lowest), "{lowest}");
+    assert!((lowest - 0.0946).abs() < 2e-4, "{lowest}");
 }
 
 #[test]
@@ -249,7 +253,8 @@ size = [48, 36]
         }
     }
     let moved = (0..x.len()).map(|i| x[i].distance(mesh.nodes[i]));
-    assert!(moved.fold(0.0, f64::max) > 1e-3 * size);
+    let moved = moved.fold(0.0, f64::max) / size;
+    assert!((moved / 0.5106 - 1.0).abs() < 0.02, "{moved}");
 }
 
 #[test]

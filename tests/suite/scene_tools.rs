@@ -24,7 +24,9 @@ fn tool_force_equals_pin_reaction() {
         reaction(&mut stage, "finger"),
         reaction(&mut stage, "table"),
     );
-    assert!(finger.force.z > 0.1, "{finger:?}");
+    // Hertz: 7.6 N on a half-space; the block is a layer, and its tets are coarse.
+    let expected = 11.516;
+    assert!((finger.force.z / expected - 1.0).abs() < 0.01, "{finger:?}");
     let off = (finger.force + table.force).length();
     assert!(off < 0.01 * finger.force.z, "{finger:?} {table:?}");
     // Pressed at the centre, it is neither displaced laterally nor rotated.
@@ -120,7 +122,8 @@ fn surface_tool_matches_sphere_and_friction_drags() {
         "capsule = { radius = 0.02, length = 0.04 }\norientation = [1, 0, 0]",
         "",
     );
-    assert!(capsule.z > 1.5 * ball.z, "{capsule} {ball}");
+    let ratio = capsule.z / ball.z;
+    assert!((ratio - 1.578).abs() < 0.02, "{ratio}");
     let aside = "path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02], [0.6, 0.02, 0, -0.02]]";
     let drag = |friction: &str| {
         let text = FINGER.replace("path = [[0.0, 0, 0, 0], [0.2, 0, 0, -0.02]]", aside);
@@ -129,7 +132,9 @@ fn surface_tool_matches_sphere_and_friction_drags() {
         reaction(&mut stage, "finger").force
     };
     let [smooth, rough] = ["", "friction = 0.3\n"].map(drag);
-    assert!(-rough.x > -smooth.x + 0.1 * rough.z, "{smooth} {rough}");
+    // It slides: the drag is Coulomb's, less what the dent's other shape changes.
+    let drag = (smooth.x - rough.x) / rough.z;
+    assert!((drag - 0.31).abs() < 0.01, "{drag}");
     std::fs::remove_dir_all(&folder).unwrap();
 }
 

@@ -109,7 +109,9 @@ fn tool_follows_target_and_teleports() {
         .set_tool_target(0, DVec3::new(0.05, 0.05, 0.109))
         .unwrap();
     go(&mut stage, 1);
-    assert!(stage.tool_force(0).unwrap().z > 0.05);
+    // 6 mm deep within one step: mostly inertia.
+    let force = stage.tool_force(0).unwrap();
+    assert!((force.z / 9.411 - 1.0).abs() < 0.01, "{force}");
     // Through the box, to below it: teleported, nothing is pushed.
     stage
         .teleport_tool(0, DVec3::new(0.05, 0.05, -0.3))
