@@ -265,7 +265,7 @@ fn each_motion_is_drawn_and_each_press_steps() {
     window.rest();
     let mut depths = Vec::new();
     for n in 1..=4 {
-        let [pictures, steps] = counted(&mut window, [400, 400 + 5 * n]);
+        let [pictures, steps] = counted(&mut window, [400, 400 + 2 * n]);
         assert!(pictures >= 1 && steps >= 1, "{n}: {pictures} {steps}");
         depths.push(window.last()["depth_m"].as_f64().unwrap());
     }
