@@ -86,12 +86,18 @@ def test_press_map_resumes(tmp_path: Path, run) -> None:
 
 
 def test_demo_writes_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from PIL import Image
+
     from palpate import demo
 
     assert demo.main([str(tmp_path / "demo"), "--tets", "2000"]) == 0
-    assert " N at " in capsys.readouterr().out
+    told = capsys.readouterr().out
+    force, _, _, depth, _ = told.split(maxsplit=4)
+    curve = np.genfromtxt(tmp_path / "demo/press.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    assert force == f"{curve['force_n'].max():.3g}" and depth == f"{1e3 * curve['depth_m'].max():.3g}"
     for name in ("limb", "stress", "rest", "pressed"):
-        assert (tmp_path / f"demo/{name}.png").stat().st_size > 1000
+        drawn = np.asarray(Image.open(tmp_path / f"demo/{name}.png"))
+        assert drawn.shape[:2] == (600, 800) and len(np.unique(drawn)) > 20
 
 
 def test_tune_returns_scene(bar: palpate.Body) -> None:

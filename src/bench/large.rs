@@ -1,6 +1,6 @@
 //! Time and memory from a large mesh to its first picture.
 
-use super::raycast::{camera, cube};
+use super::raycast::cube;
 use super::{Case, Context, Row};
 use crate::Result;
 use crate::mesh::{LocalFrame, Location, Topology};
@@ -8,6 +8,7 @@ use crate::mesher::peak_memory;
 use crate::render::{
     Geometry, Light, RaycastOptions, Raycaster, TransferFunction, local_positions,
 };
+use crate::study::peers_camera;
 use std::time::Instant;
 
 pub(super) const ABOUT: &str = "The benchmark cube, lit, 1024 × 1024 pixels: seconds of each phase \
@@ -75,7 +76,7 @@ fn measure(context: &Context, row: &Row, tets: usize) -> Result<Vec<Row>> {
     };
     let transfer = TransferFunction::preset("tissue")?;
     let mut caster = Raycaster::with_options(gpu, geometry, &transfer, options)?;
-    let camera = camera();
+    let camera = peers_camera();
     phases.time("first picture", || caster.picture(&camera, PIXELS))?;
     let total = phases.start.elapsed().as_secs_f64();
     phases.time("next picture", || {

@@ -6,10 +6,9 @@ use crate::generate;
 use crate::gpu::Gpu;
 use crate::mesh::{LocalFrame, Location, TetMesh, Topology};
 use crate::render::{
-    Camera, Geometry, Light, Mode, RaycastOptions, Raycaster, Target, TransferFunction,
-    local_positions,
+    Camera, Geometry, Light, Mode, RaycastOptions, Raycaster, Target, local_positions,
 };
-use glam::DVec3;
+use crate::study::{peers_camera, peers_transfer};
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -72,7 +71,7 @@ impl Prepared {
             light,
             ..Default::default()
         };
-        let caster = Raycaster::with_options(gpu, geometry, &transfer()?, options)?;
+        let caster = Raycaster::with_options(gpu, geometry, &peers_transfer()?, options)?;
         Ok(Prepared {
             asked,
             light,
@@ -105,33 +104,9 @@ pub(super) fn geometry(gpu: &Gpu, mesh: &TetMesh, light: Light) -> Result<Geomet
     Ok(geometry)
 }
 
-/// Returns the transfer function of the comparison with VTK.
-pub(super) fn transfer() -> Result<TransferFunction> {
-    TransferFunction::new(
-        vec![
-            [0.0, 0.1, 0.1, 0.8],
-            [0.5, 0.1, 0.9, 0.3],
-            [1.0, 0.9, 0.2, 0.1],
-        ],
-        vec![
-            [0.0, 0.0],
-            [0.45, 0.0],
-            [0.55, 3.5],
-            [0.65, 0.5],
-            [1.0, 8.0],
-        ],
-    )
-}
-
-/// Returns the camera of the comparison with VTK, before its first turn.
-pub(super) fn camera() -> Camera {
-    let middle = DVec3::splat(0.5);
-    Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0)
-}
-
 fn frame(context: &Context, row: Row, subject: &mut Prepared, side: u32) -> Result<Row> {
     let (tets, caster) = (subject.tets, &mut subject.caster);
-    let spread = frames(context, caster, camera(), [side; 2])?;
+    let spread = frames(context, caster, peers_camera(), [side; 2])?;
     Ok(row.size(tets, "tets").spread(spread))
 }
 

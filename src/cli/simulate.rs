@@ -47,6 +47,12 @@ pub struct SimulateArguments {
     scene: SceneFlags,
 }
 
+/// Returns the base of the names of output files.
+fn output_name(arguments: &SimulateArguments) -> String {
+    let stem = arguments.input.file_stem().unwrap_or_default();
+    stem.to_string_lossy().into_owned()
+}
+
 /// Simulates, or plays back a series, and renders every frame.
 pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
     arguments.film.check()?;
@@ -60,12 +66,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         check_replay(arguments)?;
         return replay_series(gpu, arguments);
     }
-    let name = arguments
-        .input
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
+    let name = output_name(arguments);
     let kept = arguments.out.join(format!("{name}.checkpoint"));
     let checkpoint = match arguments.resume {
         true => read_checkpoint(&kept)?,
@@ -296,12 +297,7 @@ fn replay_series(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Out
     super::print_notes(stage.notes());
     stage.use_series_range(&ranges)?;
     arguments.film.frame(&mut stage, &reach)?;
-    let name = arguments
-        .input
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
+    let name = output_name(arguments);
     let last = frames.len().saturating_sub(1) as u32;
     let resolution = frames.windows(2).map(|two| two[1].time - two[0].time);
     let resolution = resolution.fold(f64::INFINITY, f64::min);

@@ -1,7 +1,8 @@
 //! Meshing of implicit solids with tets of uniform size.
 
+use crate::mesh::{Field, Location, ScalarType, TetMesh};
 use crate::mesher::{Domain, MeshOptions, MeshedDomain, Spacing, mesh_domain};
-use crate::{ProgressFn, Result};
+use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 
 /// A solid in lattice units: {p : inside(p) > 0} in the box from the origin to `size`.
@@ -36,6 +37,44 @@ pub(super) fn fill_solid(
         ..MeshOptions::default()
     };
     mesh_domain(&Solid { size, inside }, &options, progress)
+}
+
+/// Rejects a number of tets that a phantom cannot have.
+pub(super) fn check_size(name: &str, tets: usize) -> Result<()> {
+    if (2_000..=50_000_000).contains(&tets) {
+        return Ok(());
+    }
+    Err(Error::Input(format!(
+        "{name} phantom must have 2,000 to 50,000,000 tets, got {tets}"
+    )))
+}
+
+/// Returns the mesh of a phantom, in metres, with the intensities of its nodes, the labels of its
+/// tets, and the names of these.
+pub(super) fn phantom<'a>(
+    nodes: Vec<DVec3>,
+    tets: Vec<[u32; 4]>,
+    [intensity, label]: [Vec<f64>; 2],
+    names: impl Iterator<Item = (i64, &'a str)>,
+) -> Result<TetMesh> {
+    // Written as 32-bit numbers, so that a mesh read from a file equals this one.
+    let intensity = intensity.into_iter().map(|x| f64::from(x as f32)).collect();
+    let fields = vec![
+        Field {
+            scalar_type: ScalarType::F32,
+            ..Field::scalar("intensity", Location::Node, intensity)
+        },
+        Field {
+            scalar_type: ScalarType::U8,
+            ..Field::scalar("label", Location::Cell, label)
+        },
+    ];
+    let mut mesh = TetMesh::new(nodes, tets, fields, Vec::new())?;
+    mesh.region_names = names
+        .map(|(label, name)| (label, name.to_owned()))
+        .collect();
+    mesh.length_unit = Some(1.0);
+    Ok(mesh)
 }
 
 /// Assigns tets to bones so that no two bones share a node: stiff or rigid bones with a common node

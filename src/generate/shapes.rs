@@ -26,6 +26,25 @@ pub(super) fn rod(p: DVec3, [a, b]: [DVec3; 2], [ra, rb]: [f64; 2]) -> f64 {
     distance - (ra + (rb - ra) * along)
 }
 
+/// Returns the joints of a chain of phalanges from `start` on: each one, of a length in metres, is
+/// bent down from the one before by degrees; `spread` is their angle to the x axis.
+pub(super) fn bent_chain<'a>(
+    start: DVec3,
+    spread: f64,
+    phalanges: impl Iterator<Item = (f64, &'a f64)>,
+) -> Vec<DVec3> {
+    let mut joints = vec![start];
+    let (mut at, mut pitch) = (start, 0.0f64);
+    let yaw = spread.to_radians();
+    let (sin, cos) = (yaw.sin(), yaw.cos());
+    for (length, bend) in phalanges {
+        pitch -= bend.to_radians();
+        at += length * DVec3::new(cos * pitch.cos(), sin * pitch.cos(), pitch.sin());
+        joints.push(at);
+    }
+    joints
+}
+
 /// An axis-aligned ellipsoid.
 pub(super) fn ellipsoid(p: DVec3, centre: DVec3, radii: DVec3) -> f64 {
     let q = (p - centre) / radii;

@@ -1,5 +1,6 @@
 //! Rendering of images in tiles of bounded size.
 
+use super::image::Image;
 use super::view::ImageRegion;
 use crate::gpu::Gpu;
 use crate::{Error, Result};
@@ -49,6 +50,40 @@ pub(crate) fn draw_in_tiles(
         }
     }
     Ok(pixels)
+}
+
+/// Renders an image of `size` pixels with `samples` × `samples` samples per pixel; `draw` as in
+/// [`draw_in_tiles`].
+///
+/// # Errors
+/// As [`draw_in_tiles`], whose limits the samples have to meet.
+pub(crate) fn draw_supersampled(
+    gpu: &Gpu,
+    size: [u32; 2],
+    samples: u32,
+    draw: impl FnMut(&wgpu::TextureView, ImageRegion) -> Result<()>,
+) -> Result<Image> {
+    let pixels = draw_in_tiles(gpu, size.map(|n| n.saturating_mul(samples)), draw)?;
+    Ok(Image {
+        size,
+        channels: 4,
+        values: downsampled(&pixels, size, samples),
+    })
+}
+
+/// Averages `samples` × `samples` samples per pixel of an image of `size` pixels.
+fn downsampled(fine: &[[f32; 4]], size: [u32; 2], samples: u32) -> Vec<f32> {
+    let (n, width) = (samples as usize, size[0] as usize);
+    let pixel = |i: usize| {
+        let (x, y) = (i % width * n, i / width * n);
+        let mut sum = [0.0; 4];
+        for (dy, dx) in (0..n).flat_map(|dy| (0..n).map(move |dx| (dy, dx))) {
+            let sample = fine[(y + dy) * width * n + x + dx];
+            sum.iter_mut().zip(sample).for_each(|(s, v)| *s += v);
+        }
+        sum.map(|s| s / (n * n) as f32)
+    };
+    (0..width * size[1] as usize).flat_map(pixel).collect()
 }
 
 /// Copies the pixels of `window` into the image, which grows with the rows of tiles so that memory

@@ -53,8 +53,8 @@ pub use transfer_function::{AbsoluteTransferFunction, TransferFunction};
 pub use xray::Xray;
 
 pub(crate) use depth_peeling::{CACHED_SIZES, attachment};
-pub(crate) use image_tiles::draw_in_tiles;
+pub(crate) use image_tiles::draw_supersampled;
 pub(crate) use pick::PickRay;
-pub(crate) use surface::{ClipPlanes, depth_target, downsampled};
+pub(crate) use surface::{ClipPlanes, image_with_depth};
 pub(crate) use transfer_function::named_colour;
 pub(crate) use view::{CameraTransform, ImageRegion, View};

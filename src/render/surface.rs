@@ -3,7 +3,7 @@
 use super::depth_peeling::attachment;
 use super::geometry::Geometry;
 use super::image::Image;
-use super::image_tiles::draw_in_tiles;
+use super::image_tiles::draw_supersampled;
 use super::sections::Sections;
 use super::view::{CameraTransform, ImageRegion, View};
 use super::{Camera, TransferFunction};
@@ -280,26 +280,8 @@ impl Surface {
         samples: u32,
     ) -> Result<Image> {
         let gpu = self.gpu.clone();
-        let fine = size.map(|n| n.saturating_mul(samples));
-        let mut depth: Option<wgpu::TextureView> = None;
-        let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
-            let depth = match depth.take() {
-                Some(kept) => depth.insert(kept),
-                None => depth.insert(depth_target(&gpu, window.size)?),
-            };
-            let target = SurfaceTarget {
-                colour,
-                depth,
-                background: Some([0.0; 4]),
-            };
-            let mut work = gpu.start_recording();
-            self.record_window(&mut work, camera, &target, window)?;
-            work.submit()
-        })?;
-        Ok(Image {
-            size,
-            channels: 4,
-            values: downsampled(&pixels, size, samples),
+        image_with_depth(&gpu, size, samples, |work, target, window| {
+            self.record_window(work, camera, target, window)
         })
     }
 
@@ -418,27 +400,37 @@ fn colours(geometry: &Geometry, scalars: &[f64], colour: &SurfaceColour) -> Vec<
     }
 }
 
+/// Renders an image of `size` pixels on a transparent background, with a depth buffer and `samples` ×
+/// `samples` samples per pixel; `draw` records each tile. Waits and reads back.
+pub(crate) fn image_with_depth(
+    gpu: &Gpu,
+    size: [u32; 2],
+    samples: u32,
+    mut draw: impl FnMut(&mut Recorder, &SurfaceTarget, ImageRegion) -> Result<()>,
+) -> Result<Image> {
+    let mut depth: Option<wgpu::TextureView> = None;
+    draw_supersampled(gpu, size, samples, |colour, window| {
+        let depth = match depth.take() {
+            Some(kept) => depth.insert(kept),
+            None => depth.insert(depth_target(gpu, window.size)?),
+        };
+        let target = SurfaceTarget {
+            colour,
+            depth,
+            background: Some([0.0; 4]),
+        };
+        let mut work = gpu.start_recording();
+        draw(&mut work, &target, window)?;
+        work.submit()
+    })
+}
+
 /// Creates a depth target of `size` pixels that can also be read.
-pub(crate) fn depth_target(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::TextureView> {
+fn depth_target(gpu: &Gpu, size: [u32; 2]) -> Result<wgpu::TextureView> {
     gpu.target(
         "surface depth",
         size,
         DEPTH,
         wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
     )
-}
-
-/// Averages `samples` × `samples` samples per pixel of an image of `size` pixels.
-pub(crate) fn downsampled(fine: &[[f32; 4]], size: [u32; 2], samples: u32) -> Vec<f32> {
-    let (n, width) = (samples as usize, size[0] as usize);
-    let pixel = |i: usize| {
-        let (x, y) = (i % width * n, i / width * n);
-        let mut sum = [0.0; 4];
-        for (dy, dx) in (0..n).flat_map(|dy| (0..n).map(move |dx| (dy, dx))) {
-            let sample = fine[(y + dy) * width * n + x + dx];
-            sum.iter_mut().zip(sample).for_each(|(s, v)| *s += v);
-        }
-        sum.map(|s| s / (n * n) as f32)
-    };
-    (0..width * size[1] as usize).flat_map(pixel).collect()
 }

@@ -9,7 +9,7 @@ use super::draw::{BlendMode, Skin};
 use crate::gpu::{Draw, Gpu, Recorder};
 use crate::render::{
     CACHED_SIZES, Camera, Image, ImageRegion, Mode, Raycaster, Surface, SurfaceTarget, Target,
-    attachment, downsampled, draw_in_tiles,
+    attachment, draw_supersampled,
 };
 use crate::{Error, Result};
 
@@ -199,8 +199,7 @@ impl Compositor {
     ) -> Result<Image> {
         let gpu = self.gpu.clone();
         let samples = self.options.samples;
-        let fine = size.map(|n| n.saturating_mul(samples));
-        let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
+        draw_supersampled(&gpu, size, samples, |colour, window| {
             let target = Target {
                 colour,
                 depth: None,
@@ -209,11 +208,6 @@ impl Compositor {
             let mut work = gpu.start_recording();
             self.record_window(&mut work, scene.reborrow(), camera, &target, window)?;
             work.submit()
-        })?;
-        Ok(Image {
-            size,
-            channels: 4,
-            values: downsampled(&pixels, size, samples),
         })
     }
 

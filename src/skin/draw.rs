@@ -12,8 +12,8 @@ use crate::gpu::{Array, Draw, Gpu, Recorder, Texel};
 use crate::mesh::{Field, SurfaceDescription, TriMesh};
 use crate::physics::Simulator;
 use crate::render::{
-    Camera, CameraTransform, ClipPlanes, Image, ImageRegion, Sections, SurfaceTarget, depth_target,
-    downsampled, draw_in_tiles, local_positions,
+    Camera, CameraTransform, ClipPlanes, Image, ImageRegion, Sections, SurfaceTarget,
+    image_with_depth, local_positions,
 };
 use crate::skin::basis::VertexBinding;
 use crate::{Error, Result};
@@ -343,28 +343,10 @@ impl Skin {
     /// As [`Skin::record`].
     pub fn image(&mut self, camera: &Camera, size: [u32; 2]) -> Result<Image> {
         let gpu = self.gpu.clone();
-        let fine = size.map(|n| n.saturating_mul(SAMPLES));
-        let mut depth: Option<wgpu::TextureView> = None;
-        let pixels = draw_in_tiles(&gpu, fine, |colour, window| {
-            let depth = match depth.take() {
-                Some(kept) => depth.insert(kept),
-                None => depth.insert(depth_target(&gpu, window.size)?),
-            };
-            let target = SurfaceTarget {
-                colour,
-                depth,
-                background: Some([0.0; 4]),
-            };
-            let mut work = gpu.start_recording();
-            self.carrier.record_normals(&mut work);
+        image_with_depth(&gpu, size, SAMPLES, |work, target, window| {
+            self.carrier.record_normals(work);
             // Not every device can blend 32-bit float targets: draws the nearest layer only.
-            self.record_window(&mut work, camera, &target, window, BlendMode::default())?;
-            work.submit()
-        })?;
-        Ok(Image {
-            size,
-            channels: 4,
-            values: downsampled(&pixels, size, SAMPLES),
+            self.record_window(work, camera, target, window, BlendMode::default())
         })
     }
 

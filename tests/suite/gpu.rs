@@ -2,6 +2,7 @@
 
 use palpate::gpu::{Gpu, GpuStruct, Shaders, Texel, check_layout};
 use palpate::{Error, gpu_struct};
+use std::collections::BTreeSet;
 
 /// Texels per row of arrays.
 const ROW_TEXELS: u32 = 8192;
@@ -16,7 +17,26 @@ gpu_struct! {
 #[test]
 fn composed_shaders_are_valid() {
     use wgpu::naga::valid::{Capabilities, ValidationFlags, Validator};
-    assert!(Shaders::names().count() > 0);
+    // Every program in `shaders/` is among them.
+    let named: BTreeSet<String> = Shaders::names()
+        .map(|name| name.split(' ').next().unwrap().to_owned())
+        .collect();
+    let mut files = BTreeSet::new();
+    for folder in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders")).unwrap() {
+        let folder = folder.unwrap().path();
+        let of = folder.file_name().unwrap().to_str().unwrap();
+        if ["lib", "terms"].contains(&of) || !folder.is_dir() {
+            continue;
+        }
+        for file in std::fs::read_dir(&folder).unwrap() {
+            let file = file.unwrap().path();
+            files.insert(format!(
+                "{of}/{}",
+                file.file_stem().unwrap().to_str().unwrap()
+            ));
+        }
+    }
+    assert_eq!(named, files);
     for name in Shaders::names() {
         let module = Shaders::parse(&name).unwrap_or_else(|e| panic!("{e}"));
         Validator::new(ValidationFlags::all(), Capabilities::default())

@@ -32,6 +32,7 @@ mod scene_window;
 mod scenes;
 mod sizes;
 mod skin;
+mod stages;
 mod study;
 mod support;
 mod tint;

@@ -64,9 +64,9 @@ fn press_loads_unloads_and_measures_force() {
         }
     }
     let report = press.report(1.0);
-    // A layer on a hard base appears stiffer, but of the same order.
+    // A layer on a hard base appears stiffer, and so do coarse tets.
     let over = report.hertz_young_pa.unwrap() / 2e4;
-    assert!((0.7..3.0).contains(&over), "{over}");
+    assert!((over - 1.715).abs() < 0.01, "{over}");
     assert_eq!(report.max_force_n, load.last().unwrap().force_n);
     assert!((report.conditions.poisson - 0.3).abs() < 1e-6);
 }
@@ -81,7 +81,9 @@ fn knee_force_increases_with_depth() {
         samples.map(|s| s.force_n).collect()
     };
     let (load, unload) = (forces("load"), forces("unload"));
-    assert!(load.is_sorted() && load[load.len() - 1] > 50.0, "{load:?}");
+    assert!(load.is_sorted(), "{load:?}");
+    let most = load[load.len() - 1];
+    assert!((most / 99.1 - 1.0).abs() < 0.01, "{most}");
     assert!(unload.is_sorted_by(|a, b| a >= b), "{unload:?}");
 }
 

@@ -1,5 +1,6 @@
 //! Reactions of bodies on their supports.
 
+use crate::stages::{reaction, run};
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::physics::Reaction;
@@ -41,16 +42,6 @@ gravity = [0, 0, -{GRAVITY}]
 }
 
 const PIN: &str = "[[pin]]\nname = \"wall, left\"\naxis = \"x\"\nbelow = 0.01\n";
-
-fn run(stage: &mut Stage, steps: u32) {
-    stage.run(steps, &mut |_| {}).unwrap();
-}
-
-fn reaction(stage: &mut Stage, name: &str) -> Reaction {
-    let all = stage.reactions().unwrap();
-    let found = all.iter().find(|(own, _)| own == name);
-    found.unwrap_or_else(|| panic!("no {name} in {all:?}")).1
-}
 
 /// Returns the weight and its moment, N and N·m, of the body at its current positions.
 fn weight(stage: &Stage) -> Reaction {

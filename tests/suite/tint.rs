@@ -7,15 +7,28 @@ use wgpu::naga::{Binding, BuiltIn, Module, ScalarKind, ShaderStage, TypeInner};
 /// Writes them as JSON into the file given by `PALPATE_SHADERS`, with the parameters of a pipeline:
 /// entry points, formats of targets, and the values of override constants to be tested.
 #[test]
-#[ignore = "for a browser: scripts/test web"]
-fn composed_shaders_compile_for_a_browser() {
-    let Some(file) = std::env::var_os("PALPATE_SHADERS") else {
-        return;
-    };
-    std::fs::write(file, composed().unwrap().to_string()).unwrap();
+fn composed_shaders_have_the_parameters_of_a_pipeline() {
+    let shaders = composed().unwrap();
+    assert_eq!(shaders.len(), Shaders::names().count());
+    for shader in &shaders {
+        let source = shader["source"].as_str().unwrap();
+        assert!(!source.contains("#import"), "{shader}");
+        // A pipeline without targets computes or writes depths.
+        let draws = shader["targets"] != json!([]);
+        assert!(!(draws && shader["compute"] == true), "{shader}");
+        assert!(draws || shader["depth"] == true, "{shader}");
+        // Every constant with a value of its own is tested.
+        let tested = shader["overrides"].as_array().unwrap().len();
+        let declared =
+            source.matches("override ").count() - source.matches("override WORKGROUP").count();
+        assert_eq!(tested, declared, "{shader}");
+    }
+    if let Some(file) = std::env::var_os("PALPATE_SHADERS") {
+        std::fs::write(file, Value::Array(shaders).to_string()).unwrap();
+    }
 }
 
-fn composed() -> palpate::Result<Value> {
+fn composed() -> palpate::Result<Vec<Value>> {
     Shaders::names()
         .map(|name| {
             let module = Shaders::parse(&name)?;

@@ -1,7 +1,6 @@
 //! Pictures compared with stored ones and with exact ray integrals.
 
 use super::LEVELS;
-use crate::bench::raycast::{camera, transfer};
 use crate::bench::{Case, Context, Row};
 use crate::generate;
 use crate::gpu::Gpu;
@@ -12,6 +11,7 @@ use crate::render::{
     local_positions,
 };
 use crate::study::scan::{BALL, ScanRepresentation, Subject};
+use crate::study::{peers_camera, peers_transfer};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::path::Path;
@@ -103,13 +103,14 @@ pub fn golden_picture(gpu: &Gpu, name: &str) -> Result<Image> {
     let scalars = first_scalars(&cube);
     let transfer = TransferFunction::preset("viridis")?;
     let geometry = Geometry::at_rest(gpu, &cube, &scalars)?;
-    let flat = Camera::orthographic(camera().eye, camera().look_at, DVec3::Y, 1.8);
+    let flat = Camera::orthographic(peers_camera().eye, peers_camera().look_at, DVec3::Y, 1.8);
     let raycast =
         |geometry, mode| Raycaster::new(gpu, geometry, &transfer)?.image(&flat, SIZE, mode);
     match name {
         "cube-surface" => {
             let colour = SurfaceColour::Field(transfer.clone());
-            Surface::new(gpu, &geometry, &scalars, &colour, Shading::Smooth)?.image(&camera(), SIZE)
+            Surface::new(gpu, &geometry, &scalars, &colour, Shading::Smooth)?
+                .image(&peers_camera(), SIZE)
         }
         "cube-viridis" => raycast(geometry, Mode::Composite),
         "cube-thickness" => raycast(geometry, Mode::Thickness),
@@ -174,9 +175,9 @@ fn cube(context: &Context, row: Row, walk: Traversal, table: TableKind) -> Resul
     };
     let scalars = first_scalars(&mesh);
     let geometry = Geometry::at_rest(context.gpu, &mesh, &scalars)?;
-    let caster = Raycaster::with_options(context.gpu, geometry, &transfer()?, options)?;
+    let caster = Raycaster::with_options(context.gpu, geometry, &peers_transfer()?, options)?;
     let exact = ReferenceRaycaster::new(&mesh, &mesh.nodes, &scalars);
-    compare(row, caster, &exact, &camera(), OF_EXACT)
+    compare(row, caster, &exact, &peers_camera(), OF_EXACT)
 }
 
 fn compare(

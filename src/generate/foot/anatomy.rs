@@ -3,7 +3,7 @@
 //! A right foot, standing, in metres: x runs from the heel to the toes, y towards the big toe,
 //! z up from the sole.
 
-use super::super::shapes::{LongBone, ellipsoid, rod, smooth_step, smooth_union};
+use super::super::shapes::{LongBone, bent_chain, ellipsoid, rod, smooth_step, smooth_union};
 use glam::{DVec3, dvec3};
 
 /// The bones, in the order of their labels from 2 on: tarsus, metatarsus, toes.
@@ -361,19 +361,9 @@ impl Ray {
     /// Returns the metatarsal, the phalanges, and the skin around the phalanges.
     fn parts(&self) -> [Vec<Part>; 3] {
         let [base, head] = self.metatarsal;
-        let mut joints = vec![base, head];
-        let (mut at, mut pitch) = (head, 0.0f64);
-        let yaw = self.spread.to_radians();
-        for ([length, ..], bend) in self.phalanges.iter().zip(self.flexion) {
-            pitch -= bend.to_radians();
-            at += *length
-                * dvec3(
-                    yaw.cos() * pitch.cos(),
-                    yaw.sin() * pitch.cos(),
-                    pitch.sin(),
-                );
-            joints.push(at);
-        }
+        let lengths = self.phalanges.iter().map(|[length, ..]| *length);
+        let mut joints = vec![base];
+        joints.extend(bent_chain(head, self.spread, lengths.zip(self.flexion)));
         // A joint is a gap of 2 mm between the surfaces.
         let bone = |ends: &[DVec3], shaft: f64, heads: [f64; 2]| {
             let axis = (ends[1] - ends[0]).normalize_or_zero();

@@ -7,8 +7,8 @@ mod anatomy;
 
 pub(crate) use anatomy::FOOT_BONES;
 
-use super::lattice_fill::{fill_solid, lattice_step, separate_bones};
-use crate::mesh::{Field, Location, ScalarType, TetMesh, TriMesh};
+use super::lattice_fill::{check_size, fill_solid, lattice_step, phantom, separate_bones};
+use crate::mesh::{TetMesh, TriMesh};
 use crate::mesher::MeshedDomain;
 use crate::parallel;
 use crate::volume::{Raw, Volume};
@@ -60,11 +60,7 @@ pub fn foot(tets: usize) -> Result<TetMesh> {
 
 /// As [`foot`], with progress reports.
 pub(super) fn generate_with_progress(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
-    if !(2_000..=50_000_000).contains(&tets) {
-        return Err(Error::Input(format!(
-            "foot phantom must have 2,000 to 50,000,000 tets, got {tets}"
-        )));
-    }
+    check_size("foot", tets)?;
     let anatomy = Anatomy::new();
     let step = lattice_step(tets, TRIAL_STEPS, |step| {
         Ok(fill(&anatomy, step, progress)?.tets.len())
@@ -72,8 +68,7 @@ pub(super) fn generate_with_progress(tets: usize, progress: ProgressFn) -> Resul
     let MeshedDomain { nodes, tets, .. } = fill(&anatomy, step, progress)?;
     let intensity = parallel::map(nodes.len(), |v| {
         let (outside, _, bone) = anatomy.distances(nodes[v]);
-        // The field is written as 32-bit numbers.
-        f64::from(intensity(outside, bone, step) as f32)
+        intensity(outside, bone, step)
     });
     let nearest = parallel::map(tets.len(), |t| {
         let p = tets[t].iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
@@ -84,24 +79,9 @@ pub(super) fn generate_with_progress(tets: usize, progress: ProgressFn) -> Resul
         .into_iter()
         .map(|bone| bone.map_or(f64::from(FLESH), |bone| (bone + 2) as f64))
         .collect();
-    let fields = vec![
-        Field {
-            scalar_type: ScalarType::F32,
-            ..Field::scalar("intensity", Location::Node, intensity)
-        },
-        Field {
-            scalar_type: ScalarType::U8,
-            ..Field::scalar("label", Location::Cell, label)
-        },
-    ];
-    let mut mesh = TetMesh::new(nodes, tets, fields, Vec::new())?;
-    let bones = FOOT_BONES.iter().zip(2..);
-    mesh.region_names = bones
-        .map(|(name, label)| (label, (*name).to_owned()))
-        .chain([(i64::from(FLESH), "flesh".to_owned())])
-        .collect();
-    mesh.length_unit = Some(1.0);
-    Ok(mesh)
+    let bones = (2..).zip(FOOT_BONES.iter().copied());
+    let names = bones.chain([(i64::from(FLESH), "flesh")]);
+    phantom(nodes, tets, [intensity, label], names)
 }
 
 /// Returns the bones of the [`foot`] as one surface of 26 closed components, in metres, with edges

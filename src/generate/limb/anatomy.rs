@@ -3,7 +3,9 @@
 //! A forearm and hand, palm down, in metres: x runs from the cut through the forearm to the
 //! fingertips, y towards the thumb, z towards the back of the hand.
 
-use super::super::shapes::{LongBone, ellipse, ellipsoid, rod, smooth_step, smooth_union};
+use super::super::shapes::{
+    LongBone, bent_chain, ellipse, ellipsoid, rod, smooth_step, smooth_union,
+};
 use glam::{DVec2, DVec3, dvec2, dvec3};
 
 /// Position of the wrist along x; the forearm is cut at x = 0.
@@ -218,19 +220,13 @@ impl Anatomy {
             ends: [base.lerp(knuckle, 0.1), knuckle],
             radii: [0.0150, digit.radius + 0.0022],
         });
-        let mut joints = vec![base, knuckle];
-        let (mut at, mut pitch) = (knuckle, 0.0f64);
-        let yaw = digit.spread.to_radians();
-        for (length, bend) in digit.phalanges.iter().zip(digit.flexion) {
-            pitch -= bend.to_radians();
-            at += *length
-                * dvec3(
-                    yaw.cos() * pitch.cos(),
-                    yaw.sin() * pitch.cos(),
-                    pitch.sin(),
-                );
-            joints.push(at);
-        }
+        let lengths = digit.phalanges.iter().copied();
+        let mut joints = vec![base];
+        joints.extend(bent_chain(
+            knuckle,
+            digit.spread,
+            lengths.zip(digit.flexion),
+        ));
         let last = joints.len() - 2;
         for (n, ends) in joints.windows(2).enumerate() {
             let axis = (ends[1] - ends[0]).normalize_or_zero();

@@ -5,11 +5,11 @@
 
 mod anatomy;
 
-use super::lattice_fill::{fill_solid, lattice_step, separate_bones};
-use crate::mesh::{Field, Location, ScalarType, TetMesh};
+use super::lattice_fill::{check_size, fill_solid, lattice_step, phantom, separate_bones};
+use crate::mesh::TetMesh;
 use crate::mesher::MeshedDomain;
 use crate::parallel;
-use crate::{Error, ProgressFn, Result, no_progress};
+use crate::{ProgressFn, Result, no_progress};
 use anatomy::{Anatomy, Distances};
 use glam::DVec3;
 
@@ -85,11 +85,7 @@ pub fn limb(tets: usize) -> Result<TetMesh> {
 
 /// As [`limb`], with progress reports.
 pub(super) fn generate_with_progress(tets: usize, progress: ProgressFn) -> Result<TetMesh> {
-    if !(2_000..=50_000_000).contains(&tets) {
-        return Err(Error::Input(format!(
-            "limb phantom must have 2,000 to 50,000,000 tets, got {tets}"
-        )));
-    }
+    check_size("limb", tets)?;
     let anatomy = Anatomy::new();
     let step = lattice_step(tets, TRIAL_STEPS, |step| {
         Ok(fill(&anatomy, step, progress)?.tets.len())
@@ -97,8 +93,7 @@ pub(super) fn generate_with_progress(tets: usize, progress: ProgressFn) -> Resul
     let MeshedDomain { nodes, tets, .. } = fill(&anatomy, step, progress)?;
     let intensity = parallel::map(nodes.len(), |v| {
         let p = nodes[v];
-        // The field is written as 32-bit numbers.
-        f64::from(intensity(&anatomy.distances(p), step * scale(p.x)) as f32)
+        intensity(&anatomy.distances(p), step * scale(p.x))
     });
     let middle = |tet: &[u32; 4]| tet.iter().map(|v| nodes[*v as usize]).sum::<DVec3>() / 4.0;
     let distances = parallel::map(tets.len(), |t| anatomy.distances(middle(&tets[t])));
@@ -108,23 +103,8 @@ pub(super) fn generate_with_progress(tets: usize, progress: ProgressFn) -> Resul
     let label = labels
         .map(|((tet, d), bone)| f64::from(label(d, bone.is_some(), step * scale(middle(tet).x))))
         .collect();
-    let fields = vec![
-        Field {
-            scalar_type: ScalarType::F32,
-            ..Field::scalar("intensity", Location::Node, intensity)
-        },
-        Field {
-            scalar_type: ScalarType::U8,
-            ..Field::scalar("label", Location::Cell, label)
-        },
-    ];
-    let mut mesh = TetMesh::new(nodes, tets, fields, Vec::new())?;
-    mesh.region_names = TISSUES
-        .iter()
-        .map(|t| (i64::from(t.label), t.name.to_owned()))
-        .collect();
-    mesh.length_unit = Some(1.0);
-    Ok(mesh)
+    let names = TISSUES.iter().map(|t| (i64::from(t.label), t.name));
+    phantom(nodes, tets, [intensity, label], names)
 }
 
 /// Meshes the whole phantom on a lattice of the given step.

@@ -6,6 +6,7 @@ use super::setting::RAPIER;
 use super::trial::MotionTrial;
 use crate::Result;
 use crate::physics::SolverKind;
+use crate::study::pareto::pareto_front;
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 
 const COST: &str = "ms_per_simulated_s";
@@ -13,23 +14,6 @@ const COST: &str = "ms_per_simulated_s";
 /// Returns the base of the file names: the scene and its stiffness.
 fn name(trial: &MotionTrial) -> String {
     format!("motion_{}_{}", trial.name, trial.stiffness)
-}
-
-/// Returns the Pareto front of the points, the fastest first.
-pub fn pareto(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let mut sorted: Vec<[f64; 2]> = points
-        .iter()
-        .filter(|p| p.iter().all(|c| c.is_finite()))
-        .copied()
-        .collect();
-    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-    let mut best = f64::INFINITY;
-    sorted.retain(|p| {
-        let better = p[1] < best;
-        best = best.min(p[1]);
-        better
-    });
-    sorted
 }
 
 fn place(row: &Row) -> [f64; 2] {
@@ -69,7 +53,7 @@ pub fn chart_error_over_time(run: &Run, trial: &MotionTrial, rows: &[Row]) -> Re
     series.push(Series::new(
         "Pareto front",
         SeriesStyle::Rings,
-        pareto(&all),
+        pareto_front(&all),
     ));
     series.retain(seen);
     let name = name(trial);

@@ -1,6 +1,7 @@
 //! Findings of the image study: Pareto fronts, charts and text.
 
 use crate::Result;
+use crate::study::pareto::pareto_front;
 use crate::study::{Axis, Chart, Row, Run, Series, SeriesStyle};
 
 /// The families, in the order of the legend.
@@ -29,19 +30,6 @@ fn of_picture<'a>(rows: &'a [Row], name: &str, through: &str) -> Vec<&'a Row> {
         .collect()
 }
 
-/// Returns the Pareto front of `points` (cost, error), sorted by cost.
-fn front(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let mut sorted: Vec<[f64; 2]> = points.to_vec();
-    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-    let mut best = f64::INFINITY;
-    sorted.retain(|p| {
-        let better = p[1] < best;
-        best = best.min(p[1]);
-        better
-    });
-    sorted
-}
-
 /// Returns the series of one image by family, the goal, and rings around the front.
 fn series(points: &[(String, [f64; 2])]) -> Vec<Series> {
     let mut series: Vec<Series> = FAMILIES
@@ -57,7 +45,7 @@ fn series(points: &[(String, [f64; 2])]) -> Vec<Series> {
     let all: Vec<[f64; 2]> = same.map(|p| p.1).collect();
     let ends = |pick: fn(f64, f64) -> f64, from| all.iter().map(|p| p[0]).fold(from, pick);
     let (low, high) = (ends(f64::min, f64::INFINITY), ends(f64::max, 0.0));
-    series.push(Series::new("front", SeriesStyle::Rings, front(&all)));
+    series.push(Series::new("front", SeriesStyle::Rings, pareto_front(&all)));
     let goal = vec![[low, GOAL], [high, GOAL]];
     series.push(Series::new("half a level", SeriesStyle::Dashed, goal));
     series
@@ -240,7 +228,7 @@ pub(super) fn finding(rows: &[Row], pictures: &[(String, &'static str)]) -> Stri
         );
     }
     let points: Vec<[f64; 2]> = all.iter().map(|s| [s.cost, s.worst]).collect();
-    let edge: Vec<String> = front(&points)
+    let edge: Vec<String> = pareto_front(&points)
         .iter()
         .filter_map(|p| all.iter().find(|s| [s.cost, s.worst] == *p))
         .map(|s| format!("{} ({:.2}, {:.2}/255)", words(&s.row), s.cost, s.worst))

@@ -12,7 +12,7 @@ use crate::render::{
 };
 use crate::scene::median_ms;
 use crate::study::pictures::frame_ms;
-use crate::study::{Cell, hold_one_end};
+use crate::study::{Cell, hold_one_end, peers_camera};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::hint::black_box;
@@ -70,7 +70,7 @@ impl<'a> Cases<'a> {
             ("raycast", GPU) if point.layers > 0 => layers(gpu, point, repeats)?,
             ("raycast", GPU) => {
                 let mut caster = cube.raycaster(gpu, RaycastOptions::default())?;
-                frame_ms(gpu, &mut caster, &camera(), size(point), repeats)?
+                frame_ms(gpu, &mut caster, &peers_camera(), size(point), repeats)?
             }
             ("raycast", _) => cube.twin_raycast(gpu, size(point))?,
             ("cut", _) => cube.cut(gpu)?,
@@ -86,12 +86,6 @@ impl<'a> Cases<'a> {
 fn size(point: &Point) -> [u32; 2] {
     let side = (point.pixels as f64).sqrt().round() as u32;
     [side, side]
-}
-
-/// Returns the camera of the rendering benchmark.
-fn camera() -> Camera {
-    let middle = DVec3::splat(0.5);
-    Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0)
 }
 
 fn transfer() -> Result<TransferFunction> {
@@ -173,7 +167,9 @@ impl Cube {
         let transfer = self.raycaster(gpu, RaycastOptions::default())?.transfer();
         let start = Instant::now();
         let rays = ReferenceRaycaster::new(&self.mesh, &self.mesh.nodes, &self.scalars);
-        let picture = rays.render(&camera(), size, |rays, ray| rays.composite(ray, &transfer));
+        let picture = rays.render(&peers_camera(), size, |rays, ray| {
+            rays.composite(ray, &transfer)
+        });
         black_box(picture);
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }

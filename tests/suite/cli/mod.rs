@@ -19,6 +19,7 @@ mod shell;
 mod terminal;
 mod warp;
 
+use palpate::render::{Image, ImageDifference};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -137,9 +138,12 @@ fn render_simulates_draws_and_reports_real_heart() {
 fn draws_moves_and_reports(mesh: &str, unit: &str, steps: &str) {
     let folder = folder(&format!("render_{unit}"));
     let (picture, report) = (folder.join("body.png"), folder.join("body.json"));
+    let moved = folder.join("body.vtu");
     stdout(&palpate(&[
         "render",
         mesh,
+        "--mesh-out",
+        text(&moved),
         "--out",
         text(&picture),
         "--size",
@@ -185,11 +189,18 @@ fn draws_moves_and_reports(mesh: &str, unit: &str, steps: &str) {
     assert_eq!(json["lost_rays"], 0);
     assert!(json["frame_ms"].as_f64().unwrap() > 0.0);
     assert!(json["cg"]["iterations"].as_u64().unwrap() > 0);
-    // More than 1 % of the size.
-    let (low, high) = palpate::io::read(mesh).unwrap().bounds();
+    // That of the written mesh, and more than 1 % of the size.
+    let [rest, moved] = [Path::new(mesh), &moved].map(|file| palpate::io::read(file).unwrap());
+    let (low, high) = rest.bounds();
     let size = (high - low).max_element();
-    let moved = json["max_displacement"].as_f64().unwrap();
-    assert!(moved > 0.01 * size, "{moved} of {size}");
+    let pairs = rest.nodes.iter().zip(&moved.nodes);
+    let farthest = pairs.map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+    let reported = json["max_displacement"].as_f64().unwrap();
+    assert!(farthest > 0.01 * size, "{farthest} of {size}");
+    assert!(
+        (reported / farthest - 1.0).abs() < 1e-6,
+        "{reported} {farthest}"
+    );
 }
 
 #[test]
@@ -274,7 +285,10 @@ fn simulated_series_plays_back_identically() {
     // It moved: the first and the last picture differ, and compare reports it.
     let moved = palpate(&["compare", text(&pictures[0].0), text(&pictures[3].0)]);
     assert_eq!(moved.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&moved.stdout).contains("different"));
+    let told = String::from_utf8_lossy(&moved.stdout).into_owned();
+    let [first, last] = [0, 3].map(|k: usize| Image::read_for_comparison(&pictures[k].0).unwrap());
+    let difference = ImageDifference::between(&first, &last).unwrap();
+    assert_eq!(told.trim(), format!("{difference}: different"));
 }
 
 #[test]
@@ -411,5 +425,12 @@ fn examples_run() {
     let again = Command::new(built.join("regression_picture"))
         .current_dir(&folder)
         .output();
-    assert!(stdout(&again.unwrap()).contains("RMSE 0.0"));
+    let told = stdout(&again.unwrap());
+    let rmse = told.split("RMSE ").nth(1).unwrap();
+    let rmse = rmse
+        .split_whitespace()
+        .next()
+        .unwrap()
+        .trim_end_matches(',');
+    assert_eq!(rmse.parse::<f64>().unwrap(), 0.0, "{told}");
 }

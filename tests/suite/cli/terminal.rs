@@ -110,7 +110,16 @@ fn quiet_keeps_results_and_errors() {
         text(&out),
     ];
     let told = palpate(&mesh);
-    assert!(String::from_utf8_lossy(&told.stderr).contains("palpate: region 1"));
+    // A line for each region, with its number of tets.
+    let notes = String::from_utf8_lossy(&told.stderr).into_owned();
+    let mesh_out = palpate::io::read(&out).unwrap();
+    let labels = &mesh_out.region_field().unwrap().values;
+    for region in mesh_out.region_names.keys() {
+        let tets = labels.iter().filter(|l| **l as i64 == *region).count();
+        let line = format!("palpate: region {region}");
+        let line = notes.lines().find(|l| l.starts_with(&line)).unwrap();
+        assert!(line.contains(&format!(": {tets} tets, ")), "{line} {tets}");
+    }
     let quiet = palpate(&[&["-q"][..], &mesh].concat());
     assert_eq!((stdout(&quiet), quiet.stderr), (String::new(), Vec::new()));
     let info = palpate(&["info", text(&out), "--quiet"]);

@@ -4,6 +4,7 @@ use crate::cli::{DATA, failure, folder, palpate, stdout, text};
 use glam::DVec3;
 use palpate::io::{self, read_volume};
 use palpate::mesh::TetMesh;
+use palpate::warp::Warp;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -59,12 +60,29 @@ fn warp_moves_segmentation_with_mesh() {
         "--labels",
     ]);
     let told = told(&output);
+    let [rest, bent] = ["rest.vtu", "bent.vtu"].map(|name| io::read(folder.join(name)).unwrap());
+    let volume = read_volume(&scan).unwrap();
+    let (grid, warp) = (volume.grid(), Warp::new(&rest, &bent.nodes).unwrap());
+    let outside = warp.inverse(&grid).unwrap().coverage.uncovered;
+    let unmoved = warp.displacement(&grid).unwrap().coverage.uncovered;
+    let share = |n: usize| {
+        format!(
+            "{n} voxels ({:.1} %)",
+            100.0 * n as f64 / volume.voxels() as f64
+        )
+    };
     for words in [
-        "are outside all tets and set to background; 0 voxels are inside more than one tet; 0 of",
-        "tets are inverted in the deformed mesh",
-        "are outside all tets at rest and are not moved",
+        format!(
+            "{} are outside all tets and set to background; 0 voxels are inside more than one tet; 0 of {} tets are inverted in the deformed mesh",
+            share(outside),
+            rest.tets.len()
+        ),
+        format!(
+            "{} of the scan are outside all tets at rest and are not moved",
+            share(unmoved)
+        ),
     ] {
-        assert!(told.contains(words), "{told}");
+        assert!(told.contains(&words), "{words}: {told}");
     }
     let [before, after] = [scan.as_str(), &files[0]].map(|f| read_volume(f).unwrap());
     assert_eq!(after.size, before.size);

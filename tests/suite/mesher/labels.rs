@@ -4,7 +4,7 @@ use crate::mesher::support::{
     angles, euler_number, farthest_from_labels, faults, filled, options, region_volume, volume_of,
 };
 use glam::{DAffine3, DMat3, DVec3};
-use palpate::mesher::{LabelDomain, MeshOptions, ThresholdDomain};
+use palpate::mesher::{LabelDomain, MeshOptions, MeshedDomain, ThresholdDomain};
 use palpate::volume::Volume;
 use proptest::prelude::*;
 
@@ -240,13 +240,17 @@ fn checks_detect_invalid_meshes() {
     hanging.tets[0] = [a, m, c, d];
     hanging.tets.push([m, b, c, d]);
     hanging.regions.push(hanging.regions[0]);
-    assert!(!faults(&hanging).is_empty());
+    let find = |filling: &MeshedDomain, fault: &str| {
+        let all = faults(filling);
+        assert!(all.iter().any(|f| f.contains(fault)), "{fault}: {all:?}");
+    };
+    find(&hanging, "hanging nodes");
     let mut turned = sound.clone();
     turned.tets[7].swap(0, 1);
-    assert!(!faults(&turned).is_empty());
+    find(&turned, "needs repair");
     let mut holed = sound.clone();
     holed.regions[11] = 0;
-    assert!(!faults(&holed).is_empty());
+    find(&holed, "not one region per tet");
     // Two separate tets that share an edge.
     let mut pinched = sound.clone();
     let n = pinched.nodes.len() as u32;
@@ -264,7 +268,7 @@ fn checks_detect_invalid_meshes() {
         .tets
         .extend([[0, 1, 2, 3], [0, 1, 4, 5]].map(|t: [u32; 4]| t.map(|v| v + n)));
     pinched.regions.extend([1, 1]);
-    assert!(!faults(&pinched).is_empty());
+    find(&pinched, "1 non-manifold edges");
     let mut flat = sound.clone();
     let [a, b, c, d] = flat.tets[0].map(|v| v as usize);
     flat.nodes[a] = (flat.nodes[b] + flat.nodes[c] + flat.nodes[d]) / 3.0 + 1e-3;

@@ -196,10 +196,22 @@ fn all_simulators_bend_equally_under_weight() {
             "{name}"
         );
         println!("{name}: {:.5}", tip(simulator.as_ref()));
-        tips.push((name, tip(simulator.as_ref())));
+        tips.push((name.clone(), tip(simulator.as_ref())));
         let report = simulator.report().unwrap();
         assert!(report.energy.elastic > 0.0 && report.inverted_tets == 0);
-        assert!(simulator.rms_speed() > 0.0 && simulator.rms_speed().is_finite());
+        // That of a mesh in a cage is of the cage, and that of several bodies the largest.
+        if name.starts_with("carried") || name.starts_with("two") {
+            continue;
+        }
+        let speed = simulator.rms_speed();
+        let mass: f64 = simulator.masses().iter().sum();
+        // In body sizes per second.
+        let kinetic = 0.5 * mass * (speed * SIZE.max_element()).powi(2);
+        assert!(
+            (kinetic / report.energy.kinetic - 1.0).abs() < 1e-3,
+            "{name}: {kinetic} {:?}",
+            report.energy
+        );
     }
     let of = |name: &str| tips.iter().find(|t| t.0 == name).map_or(f64::NAN, |t| t.1);
     for kind in SolverKind::ALL {
@@ -217,7 +229,7 @@ fn all_simulators_bend_equally_under_weight() {
     assert!((gpu / cpu - 1.0).abs() < 2e-3, "{gpu} {cpu}");
     let (gpu, cpu) = (of("gpu grid"), of("cpu grid"));
     assert!((gpu / cpu - 1.0).abs() < 2e-3, "{gpu} {cpu}");
-    assert!((0.06..0.1).contains(&gpu), "{gpu}");
+    assert!((gpu / 0.07443 - 1.0).abs() < 1e-3, "{gpu}");
 }
 
 #[test]
@@ -295,11 +307,14 @@ fn grabs_hold_and_cuts_separate() {
         let touched = simulator.change_count();
         let at = DVec3::new(0.2, 0.025, 0.025);
         let grab = simulator.grab(at, 0.02, GrabMode::Follow).unwrap();
+        let rest = simulator.mesh().nodes.clone();
+        let moves = |i: &usize| simulator.masses().get(*i).is_none_or(|m| *m > 0.0);
+        let free = (0..rest.len()).filter(moves);
+        let grabbed = free.filter(|i| rest[*i].distance(at) <= 0.02).count();
         let target = at + DVec3::new(0.0, 0.02, 0.0);
         simulator.set_target(grab, target).unwrap();
         assert_ne!(simulator.change_count(), touched, "{name}");
         simulator.run(4, dt).unwrap();
-        let rest = simulator.mesh().nodes.clone();
         let near = (0..rest.len())
             .filter(|i| simulator.masses().get(*i).is_none_or(|m| *m > 0.0))
             .min_by(|a, b| rest[*a].distance(at).total_cmp(&rest[*b].distance(at)))
@@ -312,8 +327,11 @@ fn grabs_hold_and_cuts_separate() {
             1e-6
         };
         assert!((moved.y - 0.02).abs() < near, "{name}: {moved}");
-        assert!(simulator.release(grab).unwrap() > 0);
-        assert!(simulator.release(grab).is_err());
+        let released = simulator.release(grab).unwrap();
+        if !name.starts_with("carried") {
+            assert_eq!(released, grabbed, "{name}");
+        }
+        assert!(released > 0 && simulator.release(grab).is_err(), "{name}");
         let x = 0.101;
         let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
         let blade = Blade::from_quad(corners.map(|[y, z]| DVec3::new(x, y, z))).unwrap();

@@ -182,9 +182,23 @@ fn scene_sets_region_appearance() {
     assert!(seen(&red, true) > 100, "{}", seen(&red, true));
     let hidden = image("hide = [\"bone\"]\n[picture.region.1]\ncolour = \"red\"\n").unwrap();
     assert!(seen(&hidden, true) > 100 && seen(&hidden, false) == 0);
-    let faint = image("[picture.region.bone]\ncolour = \"red\"\nopacity = 0.1\n").unwrap();
-    let sum = |i: &Image| i.values.iter().skip(3).step_by(4).sum::<f32>();
-    assert!(sum(&faint) < 0.9 * sum(&red));
+    let hiding = |opacity: f64| {
+        let bone = format!("[picture.region.bone]\ncolour = \"red\"\nopacity = {opacity}\n");
+        image(&format!("hide = [\"1\"]\n{bone}")).unwrap()
+    };
+    // Each opacity is that of the same length, so depths of all rays have one ratio.
+    let depths = |image: Image| -> Vec<f64> {
+        let opacities = image.values.into_iter().skip(3).step_by(4);
+        opacities.map(|a| -(1.0 - f64::from(a)).ln()).collect()
+    };
+    let (faint, dense) = (depths(hiding(0.1)), depths(hiding(0.5)));
+    let crossed = faint.iter().zip(&dense).filter(|(_, dense)| **dense > 0.1);
+    let ratios: Vec<f64> = crossed.map(|(faint, dense)| faint / dense).collect();
+    let expected = 0.9f64.ln() / 0.5f64.ln();
+    assert!(ratios.len() > 100, "{}", ratios.len());
+    for ratio in ratios {
+        assert!((ratio / expected - 1.0).abs() < 2e-3, "{ratio} {expected}");
+    }
     for (picture, expected) in [
         ("hide = [\"heart\"]", "heart"),
         ("hide = [\"7\"]", "region 7 has no tets"),

@@ -31,7 +31,11 @@ fn mappings_reproduce_skin_at_rest() {
                     assert!(binding.normal_only > vertices / 2);
                     assert_eq!(binding.normal_only + binding.constant, vertices);
                 }
-                Mapping::Auto => assert!(binding.interpolated > 0),
+                Mapping::Auto => {
+                    assert!(binding.interpolated > 0);
+                    let others = binding.constant + binding.one_to_one + binding.normal_only;
+                    assert_eq!(binding.interpolated + others, vertices);
+                }
             }
             if mapping != Mapping::OneToOne {
                 assert!(error < 1e-6, "{}, {mapping}: {error:e}", scene.name);

@@ -249,7 +249,20 @@ fn inverted_tets_are_counted_and_contain_no_voxels() {
     // The remaining tets overlap where folded, and still cover the whole box.
     let coverage = warp.inverse(&grid).unwrap().coverage;
     assert_eq!(coverage.voxels - coverage.uncovered, 12 * 12 * 12);
-    assert!(coverage.overlapping > 0);
+    let strictly_inside = |t: &[u32; 4], p: DVec3| {
+        let corners = t.map(|v| bent[v as usize]);
+        let whole = palpate::mesh::signed_volume(corners);
+        (0..4).all(|k| {
+            let mut part = corners;
+            part[k] = p;
+            palpate::mesh::signed_volume(part) > 1e-9 * whole
+        })
+    };
+    let upright: Vec<&[u32; 4]> = rest.tets.iter().filter(|t| !turned(t)).collect();
+    let in_several = |p: &DVec3| upright.iter().filter(|t| strictly_inside(t, *p)).count() > 1;
+    let overlapping = centres(&grid).iter().filter(|p| in_several(p)).count();
+    assert!(overlapping > 0);
+    assert_eq!(coverage.overlapping, overlapping);
 }
 
 #[test]

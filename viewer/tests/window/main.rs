@@ -5,7 +5,6 @@
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, missing_docs)]
 
-mod pace;
 mod screen;
 
 use glam::DVec3;
@@ -227,6 +226,55 @@ fn cancel_stops_meshing() {
     assert_eq!(cancelled["said"], "opening large.toml was cancelled");
     assert!(cancelled["tets"].as_u64().unwrap() < 20_000);
     window.wait("the end of its thread", |frame| frame["tasks"] == 0);
+}
+
+/// Each motion of the view is drawn, each deeper press steps and is drawn, and a pointer without a
+/// button does neither: counted, so independent of the machine's speed.
+#[test]
+fn each_motion_is_drawn_and_each_press_steps() {
+    let mut window = Window::open(&["--example", "limb"]);
+    window.key("f");
+    window.rest();
+    // Pictures and steps from a motion of the pointer until the window rests.
+    let counted = |window: &mut Window, at: [i32; 2]| {
+        let count = |window: &Window| ["pictures", "steps"].map(|key| window.last()[key].as_u64());
+        let before = count(window);
+        window.to(at);
+        window.rest();
+        let after = count(window);
+        [0, 1].map(|k| after[k].unwrap() - before[k].unwrap())
+    };
+
+    window.key("1");
+    window.to([350, 400]);
+    window.rest();
+    assert_eq!(counted(&mut window, [390, 400]), [0, 0]);
+    window.button(true);
+    for n in 1..=4 {
+        let [pictures, steps] = counted(&mut window, [390 + 10 * n, 400]);
+        assert!(pictures >= 1 && steps == 0, "{n}: {pictures} {steps}");
+    }
+    window.let_go();
+
+    window.key("f");
+    window.key("2");
+    window.to([400, 390]);
+    window.rest();
+    assert_eq!(counted(&mut window, [400, 400]), [0, 0]);
+    window.button(true);
+    window.rest();
+    let mut depths = Vec::new();
+    for n in 1..=4 {
+        let [pictures, steps] = counted(&mut window, [400, 400 + 2 * n]);
+        assert!(pictures >= 1 && steps >= 1, "{n}: {pictures} {steps}");
+        depths.push(window.last()["depth_m"].as_f64().unwrap());
+    }
+    // The finger reaches each depth, which is proportional to the way of the pointer.
+    for (n, depth) in (1..).zip(&depths) {
+        let ratio = depth / depths[0] / f64::from(n);
+        assert!((ratio - 1.0).abs() < 1e-9, "{depths:?}");
+    }
+    window.let_go();
 }
 
 /// Adds a skin and undoes that.

@@ -11,7 +11,7 @@ mod twist;
 
 use crate::support::gpu;
 use glam::{DMat3, DVec3};
-use palpate::mesh::{LocalFrame, TetMesh};
+use palpate::mesh::{ElementOrder, LocalFrame, TET_EDGES, TetMesh};
 use palpate::physics::{
     CgSettings, CpuTets, DiscreteModel, Elements, LocalUnits, Material, MaterialModel, NodeTerm,
     Precision, Simulator, SolverKind, VolumetricFormulation,
@@ -76,6 +76,13 @@ impl<'a> Setup<'a> {
             start: None,
             slides: None,
         }
+    }
+
+    /// Setup of a mesh with mid-edge nodes.
+    fn quadratic(mesh: &'a TetMesh, poisson: f64) -> Setup<'a> {
+        let mut setup = Setup::new(mesh, poisson, VolumetricFormulation::PerTet);
+        setup.material.order = ElementOrder::Quadratic;
+        setup
     }
 
     /// Returns the equilibrium in float64. The steps are long enough for inertia to be negligible.
@@ -189,31 +196,65 @@ fn nodes(mesh: &TetMesh, where_: impl Fn(DVec3) -> bool) -> Vec<u32> {
         .collect()
 }
 
-/// Returns the forces on the nodes of the faces whose three corners `on` accepts: a third each of
-/// `traction` for the area vector (outward).
+/// Returns the forces on the nodes of the flat boundary faces whose corners `on` accepts: the
+/// integrals of the shape functions times `traction` of the area vector (outward). A third for each
+/// corner of a linear tet, or for each node in the middle of an edge of a quadratic one.
 fn face_forces(
     mesh: &TetMesh,
+    order: ElementOrder,
     on: impl Fn(DVec3) -> bool,
     traction: impl Fn(DVec3) -> DVec3,
 ) -> Vec<DVec3> {
     let mut forces = vec![DVec3::ZERO; mesh.nodes.len()];
-    for tet in &mesh.tets {
+    let mut load = |corners: [u32; 4], loaded: &dyn Fn(usize) -> [u32; 3]| {
+        let x = corners.map(|v| mesh.nodes[v as usize]);
         for opposite in 0..4 {
-            let face: Vec<usize> = (0..4).filter(|a| *a != opposite).collect();
-            let corners = [0, 1, 2].map(|a| mesh.nodes[tet[face[a]] as usize]);
-            if !corners.iter().all(|p| on(*p)) {
+            let mut face = (0..4).filter(|k| *k != opposite).map(|k| x[k]);
+            if !face.clone().all(&on) {
                 continue;
             }
-            let [a, b, c] = corners;
+            let [a, b, c] = std::array::from_fn(|_| face.next().unwrap());
             let area = 0.5 * (b - a).cross(c - a);
-            let inside = mesh.nodes[tet[opposite] as usize] - a;
-            let area = if area.dot(inside) > 0.0 { -area } else { area };
-            for k in face {
-                forces[tet[k] as usize] += traction(area) / 3.0;
+            let inwards = area.dot(x[opposite] - a) > 0.0;
+            let area = if inwards { -area } else { area };
+            for v in loaded(opposite) {
+                forces[v as usize] += traction(area) / 3.0;
+            }
+        }
+    };
+    match order {
+        ElementOrder::Linear => {
+            for tet in &mesh.tets {
+                load(*tet, &|opposite| three(tet, |k| k != opposite));
+            }
+        }
+        ElementOrder::Quadratic => {
+            for element in mesh.ten_node_tets().unwrap() {
+                let corners = std::array::from_fn(|k| element[k]);
+                let middles = &element[4..];
+                load(corners, &|opposite| {
+                    three(middles, |edge| !TET_EDGES[edge].contains(&opposite))
+                });
             }
         }
     }
     forces
+}
+
+/// Returns the three of `nodes` whose indices `is` accepts.
+fn three(nodes: &[u32], is: impl Fn(usize) -> bool) -> [u32; 3] {
+    let mut all = (0..nodes.len()).filter(|k| is(*k)).map(|k| nodes[k]);
+    std::array::from_fn(|_| all.next().unwrap())
+}
+
+/// Returns the relative root mean square error of displacements.
+fn relative_error(rest: &Rest, exact: impl Iterator<Item = DVec3>) -> f64 {
+    let (mut off, mut all) = (0.0, 0.0);
+    for (i, exact) in exact.enumerate() {
+        off += rest.moved(i).distance_squared(exact);
+        all += exact.length_squared();
+    }
+    (off / all).sqrt()
 }
 
 /// Returns the order of convergence of values on three meshes, each twice as fine as the one

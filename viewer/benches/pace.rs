@@ -1,8 +1,16 @@
-//! Benchmark of frame rate and latency of the window during orbiting and pressing.
+//! Frame rate and latency of the window during orbiting and pressing. It needs Xvfb and xdotool, which
+//! `scripts/test viewer` installs:
 //!
-//! Run `scripts/test viewer -- --ignored --nocapture pace` on an otherwise idle machine.
+//!     cargo bench --profile dev -p palpate-view --bench pace
+#![cfg(target_os = "linux")]
+#![allow(clippy::unwrap_used, missing_docs)]
 
-use crate::screen::Window;
+// Its checks of pictures are for the tests.
+#[allow(dead_code)]
+#[path = "../tests/window/screen.rs"]
+mod screen;
+
+use screen::Window;
 use serde_json::Value;
 use std::fmt::Write;
 use std::time::{Duration, Instant};
@@ -94,9 +102,7 @@ fn latency(window: &mut Window, n: i32) -> f64 {
 }
 
 /// Measures orbiting and pressing.
-#[test]
-#[ignore = "a benchmark: requires an otherwise idle machine"]
-fn limb_frame_rate_and_latency() {
+fn main() {
     let mut window = Window::open(&["--example", "limb"]);
     let load = std::fs::read_to_string("/proc/loadavg").unwrap();
     println!("load before: {}", load.trim());
