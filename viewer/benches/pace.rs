@@ -1,7 +1,7 @@
 //! Frame rate and latency of the window during orbiting and pressing. It needs Xvfb and xdotool, which
 //! `scripts/test viewer` installs:
 //!
-//!     cargo bench --workspace --all-features --profile dev --bench pace
+//!     cargo bench --profile dev -p palpate-view --bench pace
 #![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, missing_docs)]
 
