@@ -25,10 +25,11 @@ pub use axis::Axis;
 pub use bodies::hold_one_end;
 pub use chart::{Chart, Series, SeriesStyle};
 pub use csv_table::{Cell, Row};
-pub use peers::{peers_camera, peers_transfer};
 pub use run::Run;
 pub use scaling::computed_bytes;
 pub use state_map::StateMap;
+
+pub(crate) use peers::{peers_camera, peers_transfer};
 
 use crate::Result;
 use std::path::Path;

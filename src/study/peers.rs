@@ -9,7 +9,7 @@ use glam::DVec3;
 ///
 /// # Errors
 /// None: the points are valid.
-pub fn peers_transfer() -> Result<TransferFunction> {
+pub(crate) fn peers_transfer() -> Result<TransferFunction> {
     TransferFunction::new(
         vec![
             [0.0, 0.1, 0.1, 0.8],
@@ -27,7 +27,7 @@ pub fn peers_transfer() -> Result<TransferFunction> {
 }
 
 /// Returns its camera, before the first turn.
-pub fn peers_camera() -> Camera {
+pub(crate) fn peers_camera() -> Camera {
     let middle = DVec3::splat(0.5);
     Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0)
 }

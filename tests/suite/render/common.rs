@@ -10,7 +10,6 @@ use palpate::render::{
 };
 
 pub use crate::support::gpu;
-pub use palpate::study::peers_camera;
 
 /// Reads a real mesh, if the real data are present.
 pub fn real_mesh(name: &str) -> Option<TetMesh> {
@@ -79,9 +78,29 @@ pub fn waves(mesh: &TetMesh) -> Vec<f64> {
         .collect()
 }
 
-/// Returns the transfer function of the comparison with VTK.
+/// Returns the transfer function of the comparison with VTK (`benches/peers/cube.py`).
 pub fn peers_transfer() -> TransferFunction {
-    palpate::study::peers_transfer().unwrap()
+    TransferFunction::new(
+        vec![
+            [0.0, 0.1, 0.1, 0.8],
+            [0.5, 0.1, 0.9, 0.3],
+            [1.0, 0.9, 0.2, 0.1],
+        ],
+        vec![
+            [0.0, 0.0],
+            [0.45, 0.0],
+            [0.55, 3.5],
+            [0.65, 0.5],
+            [1.0, 8.0],
+        ],
+    )
+    .unwrap()
+}
+
+/// Returns the camera of the comparison with VTK, before its first rotation.
+pub fn peers_camera() -> Camera {
+    let middle = DVec3::splat(0.5);
+    Camera::perspective(middle + DVec3::new(1.3, 0.8, 2.0), middle, DVec3::Y, 30.0)
 }
 
 /// Returns the root mean square and 99.9th percentile of the differences, in 1/255.
