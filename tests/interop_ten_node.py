@@ -1,5 +1,7 @@
 """Ten-node tets: the order of their nodes and curved edges, to and from meshio, VTK and Gmsh."""
 
+import json
+
 import gmsh
 import meshio
 import numpy as np
@@ -103,6 +105,10 @@ def ten_node_tets(folder, run, check):
         run("convert", source, folder / name, *flags)
         for program, read in readers:
             test(f"palpate writes ten-node tets to {name}, {program} reads them", lambda: read(folder / name), expected)
+
+    volume = json.loads(run("info", source, "--json"))["volume"]
+    wrong = abs(volume / (4 / 3 * np.pi) - 1)
+    check("palpate measures the volume inside curved faces", "" if wrong < 0.01 else f"{volume}")
 
     grid = pyvista.read(source)
     points, cells = np.asarray(grid.points), grid.cells_dict[QUADRATIC_TETRA]

@@ -15,7 +15,6 @@ use super::gmsh_source::Source;
 use super::id_map::{Tags, repeated_numbers};
 use super::metadata::{Metadata, integer_field};
 use super::raw_mesh::RawMesh;
-use super::ten_node::swap_gmsh_order;
 use crate::mesh::Location;
 use glam::DVec3;
 
@@ -253,7 +252,8 @@ impl File {
             })?;
         }
         if kind == QUADRATIC_TET {
-            swap_gmsh_order(&mut corners);
+            // The edges 23 and 13, in VTK's order.
+            corners.swap(8, 9);
         }
         let corners = &corners[..width];
         if self.elements.push(tag) {

@@ -222,14 +222,16 @@ impl<W: Write> Out<'_, W> {
         if !self.text {
             self.ints(&[kind, mesh.tets.len() as i32, 2])?;
         }
-        for t in 0..mesh.tets.len() {
+        for (t, entity) in entities.iter().enumerate() {
             self.sizes(&[t + 1])?;
             if self.text {
                 self.ints(&[kind, 2])?;
             }
             let group = groups.tet_groups.get(t).copied().unwrap_or(0);
-            self.ints(&[group, entities[t]])?;
-            self.sizes(&file_mesh.gmsh_tags_of(t))?;
+            self.ints(&[group, *entity])?;
+            for v in file_mesh.gmsh_tags_of(t) {
+                self.sizes(&[v])?;
+            }
             self.end_line()?;
         }
         self.end("Elements")
@@ -294,7 +296,9 @@ impl<W: Write> Out<'_, W> {
             self.end_line()?;
             for t in tets {
                 self.sizes(&[t + 1])?;
-                self.sizes(&file_mesh.gmsh_tags_of(*t))?;
+                for v in file_mesh.gmsh_tags_of(*t) {
+                    self.sizes(&[v])?;
+                }
                 self.end_line()?;
             }
         }

@@ -33,12 +33,6 @@ fn in_vtk_order(element: &TenNodes) -> TenNodes {
     nodes
 }
 
-/// Exchanges the last two nodes of a ten-node tet, the first of `nodes`: from Gmsh's order to VTK's,
-/// and back.
-pub(super) fn swap_gmsh_order<T>(nodes: &mut [T]) {
-    nodes.swap(8, 9);
-}
-
 /// Sets the tuples of `width` values of mid-edge nodes that are `missing` to the mean of the ends of
 /// the edge, where these are known.
 pub(super) fn fill_middles(cells: &Cells, width: usize, values: &mut [f64], missing: &mut [bool]) {
@@ -125,13 +119,14 @@ impl<'a> FileMesh<'a> {
     }
 
     /// Returns the nodes of cell `cell` in Gmsh's order, counted from 1.
-    pub fn gmsh_tags_of(&self, cell: usize) -> Vec<usize> {
-        let nodes = self.nodes_of(cell).iter();
-        let mut tags: Vec<usize> = nodes.map(|v| *v as usize + 1).collect();
-        if self.order() == ElementOrder::Quadratic {
-            swap_gmsh_order(&mut tags);
-        }
-        tags
+    pub fn gmsh_tags_of(&self, cell: usize) -> impl Iterator<Item = usize> {
+        let nodes = self.nodes_of(cell);
+        let place = move |k: usize| match (nodes.len(), k) {
+            (10, 8) => 9,
+            (10, 9) => 8,
+            _ => k,
+        };
+        (0..nodes.len()).map(move |k| nodes[place(k)] as usize + 1)
     }
 
     /// Returns the nodes of all cells.
@@ -148,10 +143,10 @@ impl<'a> FileMesh<'a> {
     }
 
     /// Returns a field of `mesh`, the mesh that this was made from, with one tuple per cell.
-    pub fn field(&self, mesh: &TetMesh, field: &Field) -> Field {
+    pub fn field<'f>(&self, mesh: &TetMesh, field: &'f Field) -> Cow<'f, Field> {
         match (self.order(), field.location) {
-            (ElementOrder::Quadratic, Location::Cell) => mesh.element_field(field),
-            _ => field.clone(),
+            (ElementOrder::Quadratic, Location::Cell) => Cow::Owned(mesh.element_field(field)),
+            _ => Cow::Borrowed(field),
         }
     }
 }

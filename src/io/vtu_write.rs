@@ -10,6 +10,7 @@ use crate::{Error, Result};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use glam::DVec3;
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
@@ -46,7 +47,7 @@ pub(super) fn write_with_array(
     };
     extra.iter().try_for_each(|f| check_length(f, items(f)))?;
     let file_mesh = FileMesh::new(mesh);
-    let extra: Vec<Field> = extra.iter().map(|f| file_mesh.field(mesh, f)).collect();
+    let extra: Vec<Cow<Field>> = extra.iter().map(|f| file_mesh.field(mesh, f)).collect();
     let mesh = &*file_mesh.mesh;
     let replaced = |f: &Field| {
         extra
@@ -57,7 +58,7 @@ pub(super) fn write_with_array(
         .fields
         .iter()
         .filter(|f| !replaced(f))
-        .chain(&extra)
+        .chain(extra.iter().map(|f| &**f))
         .collect();
     let mut appended = Vec::new();
     let mut head = format!(

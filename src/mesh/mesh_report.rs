@@ -1,8 +1,8 @@
 //! Statistics and problems of a mesh: the content of `palpate info`.
 
 use super::{
-    AnatomicalFrame, BoundaryReport, DIHEDRAL_BINS, ElementOrder, Field, Location, QualityReport,
-    TetMesh, Topology, components,
+    AnatomicalFrame, BoundaryReport, DIHEDRAL_BINS, ElementOrder, Field, Location, PIECES,
+    QualityReport, TetMesh, Topology, components,
 };
 use crate::number_format::significant;
 use rayon::slice::ParallelSliceMut;
@@ -143,19 +143,22 @@ impl MeshDescription {
         let corners = MeshDescription::of_linear(&mesh.mesh_of_corners(&elements));
         let (low, high) = mesh.bounds();
         let folded = mesh.folded_elements(&elements);
-        let volumes = corners.region_field.as_deref();
-        let volumes = volumes.and_then(|name| mesh.field(name, Location::Cell));
-        let volumes = volumes.map_or_else(BTreeMap::new, |field| mesh.regions_of(field));
+        let labels = corners.region_field.as_deref();
+        let labels = labels.and_then(|name| mesh.field(name, Location::Cell));
+        let volumes = mesh.element_volumes(&elements);
+        let mut of_label: BTreeMap<i64, f64> = BTreeMap::new();
+        for (k, volume) in volumes.iter().enumerate() {
+            let label = labels.and_then(|field| field.values.get(PIECES * k));
+            *of_label.entry(label.map_or(0, |l| *l as i64)).or_default() += volume;
+        }
         let curved = |region: &RegionDescription| RegionDescription {
-            volume: volumes
-                .get(&region.label)
-                .map_or(region.volume, |found| found.1),
+            volume: of_label.get(&region.label).copied().unwrap_or(0.0),
             ..region.clone()
         };
         let mut description = MeshDescription {
             order: ElementOrder::Quadratic.number(),
             folded_ten_node_tets: folded.len(),
-            volume: mesh.volume(),
+            volume: volumes.iter().sum(),
             regions: corners.regions.iter().map(curved).collect(),
             bounds: [low.to_array(), high.to_array()],
             ..corners

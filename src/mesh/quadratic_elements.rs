@@ -114,10 +114,16 @@ impl TetMesh {
     pub(crate) fn folded_elements(&self, elements: &[TenNodes]) -> Vec<usize> {
         let is_folded = |element: &TenNodes| {
             let jacobians: [f64; QUADRATURE_POINTS] = jacobians(element, &self.nodes);
-            jacobians.iter().any(|j| !(*j > 0.0))
+            !jacobians.iter().all(|j| *j > 0.0)
         };
         let folded = elements.iter().enumerate().filter(|(_, e)| is_folded(e));
         folded.map(|(k, _)| k).collect()
+    }
+
+    /// Returns the volumes of ten-node tets by their quadrature points.
+    pub(super) fn element_volumes(&self, elements: &[TenNodes]) -> Vec<f64> {
+        let volume = |element: &TenNodes| jacobians(element, &self.nodes).iter().sum::<f64>();
+        elements.iter().map(|e| volume(e) / 24.0).collect()
     }
 
     /// Flips the tets of negative volume; in a mesh of order 2 the elements with such corners.
