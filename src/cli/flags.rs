@@ -3,10 +3,10 @@
 use super::volume_flag::{self, VolumeFlag};
 use clap::Args;
 use palpate::annotate::Axes;
-use palpate::mesh::{AnatomicalFrame, ElementOrder};
+use palpate::mesh::AnatomicalFrame;
 use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::render::{Isosurface, Light};
-use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
+use palpate::scene::{IsosurfaceEntry, MaterialEntry, OrderChoice, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -206,11 +206,11 @@ pub struct SceneFlags {
     /// of several volumes in the file of --scan, or else in the input
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
     pub volume: Vec<VolumeFlag>,
-    /// Set the order of the finite elements: 1 (linear tets) or 2 (quadratic tets, which need far
-    /// fewer tets for the same error; on the CPU; of ten-node tets in files, 1 uses the corners and 2
-    /// the mid-edge nodes, too) [default: 1]
-    #[arg(long, value_name = "N", help_heading = "Physics", value_parser = super::order_flag::order)]
-    pub order: Option<ElementOrder>,
+    /// Set the order of the finite elements: 1 (linear tets), 2 (quadratic tets, which need far fewer
+    /// tets for the same error; on the CPU) or auto (2 for at most 30,000 tets) [default: 1, for
+    /// presses auto]
+    #[arg(long, value_name = "N", help_heading = "Physics")]
+    pub order: Option<OrderChoice>,
     /// Set the density, in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,

@@ -13,7 +13,6 @@ mod flags;
 mod frames;
 mod info;
 mod mesh;
-mod order_flag;
 mod presets;
 mod press;
 mod press_map;

@@ -113,6 +113,7 @@ impl Press {
     /// or invalid numbers; otherwise as [`Stage::new`].
     pub fn new(gpu: &Gpu, scene: &Scene, wanted: &PressOptions) -> Result<Press> {
         wanted.check()?;
+        let scene = &setup::with_default_order(scene);
         let mesh = scene.load_simulated_mesh(&no_progress)?;
         let setup = PressSetup::on_table(scene, &mesh, wanted.radius)?;
         let mut still = setup.scene.clone();

@@ -5,7 +5,7 @@ use super::support_table::Table;
 use crate::mesh::{TetMesh, Topology};
 use crate::number_format::significant;
 use crate::physics::{Engine, EngineChoice, SolverKind};
-use crate::scene::{Scene, SphereEntry, ToolEntry};
+use crate::scene::{OrderChoice, Scene, SphereEntry, ToolEntry};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -43,7 +43,7 @@ impl PressSetup {
     /// that cannot be supported.
     pub fn on_table(scene: &Scene, mesh: &TetMesh, radius: Option<f64>) -> Result<PressSetup> {
         check_scene(scene)?;
-        let (mut prepared, down) = without_loads(scene);
+        let (mut prepared, down) = without_loads(&with_default_order(scene));
         let table = Table::new(mesh, &Topology::new(mesh), down)?;
         prepared.pin.push(table.region());
         Ok(PressSetup::with_fingertip(
@@ -126,6 +126,14 @@ impl PressSetup {
         );
         std::iter::once(own).chain(table.note()).collect()
     }
+}
+
+/// Returns a scene of a press, whose elements are of order 2 by default where that pays: linear tets
+/// on coarse meshes resist too much.
+pub(super) fn with_default_order(scene: &Scene) -> Scene {
+    let mut scene = scene.clone();
+    scene.material.order.get_or_insert(OrderChoice::Auto);
+    scene
 }
 
 /// Rejects scenes other than a single tetrahedral body at rest.

@@ -232,7 +232,7 @@ impl Scene {
         if dynamic.is_empty() {
             return Ok((self.clone(), mesh));
         }
-        if self.material.order.unwrap_or_default() == ElementOrder::Linear {
+        if self.element_order(&mesh).0 == ElementOrder::Linear {
             mesh = four_node_mesh(mesh);
         }
         if !self.body.is_empty() || self.grid.is_some() || self.cage.is_some() {

@@ -1,13 +1,103 @@
 //! The order of the elements of a scene's mesh.
 
 use super::Scene;
+use crate::cage::CageKind;
 use crate::mesh::{ElementOrder, Location, PIECES, TenNodes, TetMesh};
 use crate::number_format::significant;
-use crate::physics::Material;
+use crate::physics::{
+    Engine, EngineChoice, Material, MaterialModel, SolverKind, VolumetricFormulation,
+};
 use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
+use std::str::FromStr;
+
+/// Largest number of tets for which [`OrderChoice::Auto`] chooses order 2: a press of so many takes
+/// tens of seconds on two processor cores (`docs/accuracy.md`).
+const MAX_AUTO_TETS: usize = 30_000;
+
+/// The order of the elements of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OrderChoice {
+    /// This order.
+    Exactly(ElementOrder),
+    /// Order 2 for bodies of at most 30,000 tets that support it, else order 1. It does not depend
+    /// on the machine.
+    Auto,
+}
+
+impl FromStr for OrderChoice {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<OrderChoice> {
+        if text == "auto" {
+            return Ok(OrderChoice::Auto);
+        }
+        let number = text.parse().map_err(|_| {
+            Error::Input(format!(
+                "expected order 1 (linear tets), 2 (quadratic tets) or auto, got \"{text}\""
+            ))
+        });
+        ElementOrder::from_number(number?).map(OrderChoice::Exactly)
+    }
+}
 
 impl Scene {
+    /// Returns the order of the elements of `mesh`, and if it is chosen automatically a note that
+    /// says why.
+    pub(crate) fn element_order(&self, mesh: &TetMesh) -> (ElementOrder, Option<String>) {
+        match self.material.order {
+            None => (ElementOrder::Linear, None),
+            Some(OrderChoice::Exactly(order)) => (order, None),
+            Some(OrderChoice::Auto) => match self.unsuited_to_order_2(mesh) {
+                None => (
+                    ElementOrder::Quadratic,
+                    Some("finite elements of order 2 (quadratic tets); --order 1 is faster, and stiffer by up to tens of percent on the same mesh".into()),
+                ),
+                Some(why) => (
+                    ElementOrder::Linear,
+                    Some(format!(
+                        "finite elements of order 1 (linear tets), which can be too stiff by tens of percent: {why}"
+                    )),
+                ),
+            },
+        }
+    }
+
+    /// Returns why a body of this scene and `mesh` is not simulated by order 2 unless asked for.
+    fn unsuited_to_order_2(&self, mesh: &TetMesh) -> Option<String> {
+        let tets = match mesh.order {
+            ElementOrder::Linear => mesh.tets.len(),
+            ElementOrder::Quadratic => mesh.tets.len() / PIECES,
+        };
+        let grid_cage = self.cage.as_ref().and_then(|c| c.kind) == Some(CageKind::Grid);
+        let of_tets = self.grid.is_none() && !grid_cage;
+        let explicit = self.solver.name.as_ref().filter(|name| {
+            let kind: Result<SolverKind> = name.parse();
+            kind.is_ok_and(|kind| !kind.is_implicit())
+        });
+        let engine = match self.solver.engine {
+            Some(EngineChoice::Exactly(engine)) if engine != Engine::Cpu => Some(engine),
+            _ => None,
+        };
+        if self.material.model(of_tets) == MaterialModel::Springs {
+            Some("springs have no order 2".into())
+        } else if self.grid.is_some() || self.cage.is_some() {
+            Some("grids and cages have no order 2".into())
+        } else if self.material.volume == Some(VolumetricFormulation::NodalAveraged) {
+            Some("averaged volumes have no order 2".into())
+        } else if let Some(engine) = engine {
+            Some(format!("the engine {engine} has no order 2"))
+        } else if let Some(name) = explicit {
+            Some(format!("the solver {name} would need very short steps"))
+        } else if tets > MAX_AUTO_TETS {
+            Some(format!(
+                "its {tets} tets are more than the {MAX_AUTO_TETS} for which order 2 is the default; --order 2 takes several times as long"
+            ))
+        } else {
+            None
+        }
+    }
+
     /// Loads the mesh of a scene of one body as it is simulated: of ten-node tets the corners only,
     /// unless the scene sets order 2.
     ///
@@ -15,7 +105,7 @@ impl Scene {
     /// As [`Scene::load_mesh`].
     pub(crate) fn load_simulated_mesh(&self, progress: ProgressFn) -> Result<TetMesh> {
         let mesh = self.load_mesh(progress)?;
-        Ok(match self.material.order.unwrap_or_default() {
+        Ok(match self.element_order(&mesh).0 {
             ElementOrder::Linear => four_node_mesh(mesh),
             ElementOrder::Quadratic => mesh,
         })

@@ -79,6 +79,7 @@ pub(crate) use cage::CageEntry;
 pub use checkpoint::Checkpoint;
 pub(crate) use checkpoint::scene_hash;
 pub use entries::*;
+pub use element_order::OrderChoice;
 pub use material::MaterialEntry;
 pub(crate) use material::{TissueEntry, TissueTable};
 pub use mesh_source::ScalarField;

@@ -72,7 +72,10 @@ impl SimulatorSetup {
         let (mut material, tissue_notes) = scene.material.material(&mesh, of_tets)?;
         notes.extend(tissue_notes);
         material.length_unit = unit.unwrap_or(1.0);
-        let mesh = match material.order {
+        let (order, order_note) = scene.element_order(&mesh);
+        notes.extend(order_note);
+        material.order = order;
+        let mesh = match order {
             ElementOrder::Linear => four_node_mesh(mesh),
             ElementOrder::Quadratic if shape.is_some() || scene.cage.is_some() => {
                 return Err(Error::Input(

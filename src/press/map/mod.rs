@@ -4,7 +4,7 @@ mod finger;
 mod grid;
 mod picture;
 
-use super::setup::PressSetup;
+use super::setup::{PressSetup, with_default_order};
 use super::site::{Boundary, PressSite};
 use super::support_table::Table;
 use super::{DEPTH, validity};
@@ -174,6 +174,7 @@ impl PressMap {
     /// without a suitable point; otherwise as loading the mesh.
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         wanted.check()?;
+        let scene = &with_default_order(scene);
         let mesh = scene.load_simulated_mesh(&no_progress)?;
         if let Some(pieces) = validity::in_pieces(&mesh) {
             return Err(Error::Input(pieces));

@@ -3,6 +3,7 @@
 use super::{MaterialEntry, TissueEntry};
 use crate::mesh::ElementOrder;
 use crate::physics::{MaterialModel, VolumetricFormulation};
+use crate::scene::element_order::OrderChoice;
 use crate::scene::keywords::damping_kind;
 use serde::de::{DeserializeSeed, Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
@@ -94,14 +95,35 @@ impl<'de> DeserializeSeed<'de> for Volume {
 /// The order of the elements, as a number.
 struct Order;
 
+/// A number, or `auto`.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "order must be 1, 2 or \"auto\"")]
+enum OrderValue {
+    Number(i64),
+    Text(String),
+}
+
+impl OrderValue {
+    fn choice(&self) -> crate::Result<OrderChoice> {
+        match self {
+            OrderValue::Number(number) => {
+                ElementOrder::from_number(*number).map(OrderChoice::Exactly)
+            }
+            OrderValue::Text(text) => text.parse(),
+        }
+    }
+}
+
 impl<'de> DeserializeSeed<'de> for Order {
-    type Value = ElementOrder;
+    type Value = OrderChoice;
 
     fn deserialize<D: Deserializer<'de>>(
         self,
         from: D,
-    ) -> std::result::Result<ElementOrder, D::Error> {
-        ElementOrder::from_number(i64::deserialize(from)?).map_err(D::Error::custom)
+    ) -> std::result::Result<OrderChoice, D::Error> {
+        OrderValue::deserialize(from)?
+            .choice()
+            .map_err(D::Error::custom)
     }
 }
 

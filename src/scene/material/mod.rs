@@ -2,9 +2,10 @@
 
 mod deserialize;
 
+use super::element_order::OrderChoice;
 use super::keywords::{DAMPING_KINDS, unknown_keyword_error};
 use super::region::LabelOrName;
-use crate::mesh::{ElementOrder, Location, TetMesh};
+use crate::mesh::{Location, TetMesh};
 use crate::physics::{
     Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumetricFormulation,
 };
@@ -41,10 +42,10 @@ pub struct MaterialEntry {
     /// Volumetric formulation of finite elements: `per-tet`, or `averaged`, which avoids volumetric
     /// locking as ν approaches ½.
     pub volume: Option<VolumetricFormulation>,
-    /// Order of finite elements: 1 (linear tets) or 2 (quadratic tets, each with ten nodes), which
-    /// need far fewer tets for the same error. Of ten-node tets in a file, order 1 uses the corners and
+    /// Order of finite elements: 1 (linear tets), 2 (quadratic tets, each with ten nodes), which need
+    /// far fewer tets for the same error, or `auto`; default: 1, and for presses `auto`. Of ten-node tets in a file, order 1 uses the corners and
     /// order 2 the mid-edge nodes, too.
-    pub order: Option<ElementOrder>,
+    pub order: Option<OrderChoice>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
     /// Field of the tetrahedra, or else of the nodes, that scales the stiffness.
@@ -113,7 +114,7 @@ impl MaterialEntry {
 
     /// Returns the material model. Default: finite elements for tetrahedral bodies, and springs for
     /// bodies that support only these or with a spring stiffness or damping.
-    fn model(&self, of_tets: bool) -> MaterialModel {
+    pub(super) fn model(&self, of_tets: bool) -> MaterialModel {
         let damping = self.damping.is_some_and(|damping| damping != 0.0);
         let of_springs = self.stiffness.is_some() || damping || self.damping_kind.is_some();
         self.model.unwrap_or(match of_tets && !of_springs {
@@ -172,9 +173,6 @@ impl MaterialEntry {
         self.check_rigid(material.model)?;
         if let Some(volume) = self.volume {
             material.volume = volume;
-        }
-        if let Some(order) = self.order {
-            material.order = order;
         }
         material.stiffness_scale_field = self.stiffness_field.clone();
         if let Some(density) = self.density {
