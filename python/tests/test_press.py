@@ -50,7 +50,8 @@ BODIES = [("box", 1500), ("ball", 1500), ("breast", 4000), ("limb", 4000)]
 def test_view_measures_force_of_press(name: str, tets: int) -> None:
     from palpate._touch import Touched
 
-    scene = palpate.Scene({"mesh": {"generate": name, "tets": tets}})
+    # Views have linear tets by default, measured presses quadratic ones.
+    scene = palpate.Scene({"mesh": {"generate": name, "tets": tets}, "material": {"order": 1}})
     touched = Touched(scene)
     seen = touched.pick(0.5, 0.5)
     assert seen is not None
@@ -70,7 +71,8 @@ def stop(what: str, share: float) -> None:
 
 
 def test_press_map_resumes(tmp_path: Path, run) -> None:
-    breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
+    linear = {"material": {"order": 1}}
+    breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}, **linear})
     with pytest.raises(RuntimeError, match="enough"):
         palpate.press_map(breast, (3, 2), radius=0.016, out=tmp_path / "map", progress=stop)
     begun = (tmp_path / "map/map.json").read_text()

@@ -6,7 +6,9 @@ use palpate::annotate::Axes;
 use palpate::mesh::AnatomicalFrame;
 use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::render::{Isosurface, Light};
-use palpate::scene::{IsosurfaceEntry, MaterialEntry, OrderChoice, PlaneEntry, ScanEntry, Scene, Unit};
+use palpate::scene::{
+    IsosurfaceEntry, MaterialEntry, OrderChoice, PlaneEntry, ScanEntry, Scene, Unit,
+};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -207,8 +209,8 @@ pub struct SceneFlags {
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
     pub volume: Vec<VolumeFlag>,
     /// Set the order of the finite elements: 1 (linear tets), 2 (quadratic tets, which need far fewer
-    /// tets for the same error; on the CPU) or auto (2 for at most 30,000 tets) [default: 1, for
-    /// presses auto]
+    /// tets for the same error; on the CPU) or auto (2 for at most 30,000 tets) [default: 1, for a
+    /// single press auto]
     #[arg(long, value_name = "N", help_heading = "Physics")]
     pub order: Option<OrderChoice>,
     /// Set the density, in kg/m³

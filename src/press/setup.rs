@@ -43,7 +43,7 @@ impl PressSetup {
     /// that cannot be supported.
     pub fn on_table(scene: &Scene, mesh: &TetMesh, radius: Option<f64>) -> Result<PressSetup> {
         check_scene(scene)?;
-        let (mut prepared, down) = without_loads(&with_default_order(scene));
+        let (mut prepared, down) = without_loads(scene);
         let table = Table::new(mesh, &Topology::new(mesh), down)?;
         prepared.pin.push(table.region());
         Ok(PressSetup::with_fingertip(
@@ -117,6 +117,7 @@ impl PressSetup {
                     "forces of presses include inertia and damping: only presses of a body stepped by `implicit`, without time-dependent loads, are quasi-static".into(),
                 );
             }
+            notes.extend(self.order_note());
             return notes;
         };
         let own = format!(
@@ -124,12 +125,21 @@ impl PressSetup {
             self.scene.solver.name.as_deref().unwrap_or_default(),
             significant(step)
         );
-        std::iter::once(own).chain(table.note()).collect()
+        let more = table.note().into_iter().chain(self.order_note());
+        std::iter::once(own).chain(more).collect()
+    }
+
+    /// Returns a note if the body is of order 1 because nothing was asked for.
+    pub(super) fn order_note(&self) -> Option<String> {
+        self.scene.has_linear_tets_by_default().then(|| {
+            "finite elements of order 1 (linear tets), whose forces are too high by up to tens of percent on coarse meshes; quadratic tets are slower and within a few percent (--order 2, [material] order = 2; the default of a single `palpate press`)".to_owned()
+        })
     }
 }
 
-/// Returns a scene of a press, whose elements are of order 2 by default where that pays: linear tets
-/// on coarse meshes resist too much.
+/// Returns the scene of a single measured press, whose elements are of order 2 by default where that
+/// pays: linear tets on coarse meshes resist too much. Maps and interactive presses take too long
+/// with it.
 pub(super) fn with_default_order(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.material.order.get_or_insert(OrderChoice::Auto);

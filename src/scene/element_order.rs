@@ -63,6 +63,12 @@ impl Scene {
         }
     }
 
+    /// Whether its body has linear tets, and no order is set.
+    pub(crate) fn has_linear_tets_by_default(&self) -> bool {
+        let of_tets = self.grid.is_none() && self.cage.is_none();
+        self.material.order.is_none() && self.material.model(of_tets) != MaterialModel::Springs
+    }
+
     /// Returns why a body of this scene and `mesh` is not simulated by order 2 unless asked for.
     fn unsuited_to_order_2(&self, mesh: &TetMesh) -> Option<String> {
         let tets = match mesh.order {

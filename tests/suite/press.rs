@@ -3,14 +3,16 @@
 use crate::support::gpu;
 use glam::DVec3;
 use palpate::Error;
+use palpate::mesh::ElementOrder;
 use palpate::press::{
     InteractiveStage, MapOptions, MapPoint, PointResult, Press, PressMap, PressOptions, PressSample,
 };
-use palpate::scene::Scene;
+use palpate::scene::{OrderChoice, Scene};
 
+/// A block of linear tets.
 fn block(more: &str) -> Scene {
     let text = format!(
-        "[mesh]\ngenerate = \"box\"\ntets = 900\n[material]\nyoung = 2e4\npoisson = 0.3\n{more}"
+        "[mesh]\ngenerate = \"box\"\ntets = 900\n[material]\nyoung = 2e4\npoisson = 0.3\norder = 1\n{more}"
     );
     Scene::parse(&text).unwrap()
 }
@@ -71,11 +73,71 @@ fn press_loads_unloads_and_measures_force() {
     assert!((report.conditions.poisson - 0.3).abs() < 1e-6);
 }
 
+/// Quadratic tets are the default of measured presses, and their force is that of finer meshes.
+#[test]
+fn presses_have_quadratic_tets_by_default() {
+    let force = |order: Option<OrderChoice>, tets: u32| {
+        let mut scene = block("");
+        scene.material.order = order;
+        scene.mesh.tets = Some(tets as usize);
+        let wanted = PressOptions {
+            depth: Some(5e-3),
+            ..finger()
+        };
+        let press = pressed(&scene, &wanted);
+        (press.report(0.0).max_force_n, press.notes().join("; "))
+    };
+    let exactly = |order| Some(OrderChoice::Exactly(order));
+    let (automatic, notes) = force(None, 900);
+    assert!(notes.contains("order 2 (quadratic tets)"), "{notes}");
+    assert_eq!(force(exactly(ElementOrder::Quadratic), 900).0, automatic);
+    let (fine, _) = force(exactly(ElementOrder::Quadratic), 5000);
+    let (linear, notes) = force(exactly(ElementOrder::Linear), 900);
+    assert!(!notes.contains("quadratic"), "{notes}");
+    let [off, linear_off] = [automatic, linear].map(|f| f / fine - 1.0);
+    println!("{automatic} {fine} {linear}: {off} {linear_off}");
+    assert!(off.abs() < 0.03 && linear_off > 0.1, "{off} {linear_off}");
+}
+
+/// The automatic order is 1 where order 2 is not supported, or would take long, and a note says why.
+#[test]
+fn automatic_order_is_1_where_order_2_does_not_pay() {
+    for (more, why) in [
+        (
+            "volume = \"averaged\"\n",
+            "averaged volumes have no order 2",
+        ),
+        ("model = \"springs\"\n", "springs have no order 2"),
+        (
+            "[solver]\nengine = \"gpu\"\n",
+            "the engine gpu has no order 2",
+        ),
+        ("[mesh]\n", "more than the 30000"),
+    ] {
+        let tets = if more.starts_with("[mesh]") {
+            31_000
+        } else {
+            900
+        };
+        let more = more.trim_start_matches("[mesh]\n");
+        let text =
+            format!("[mesh]\ngenerate = \"box\"\ntets = {tets}\n[material]\nyoung = 2e4\n{more}");
+        let press = Press::new(&gpu(), &Scene::parse(&text).unwrap(), &finger()).unwrap();
+        let notes = press.notes().join("; ");
+        assert!(
+            notes.contains("order 1 (linear tets)") && notes.contains(why),
+            "{why}: {notes}"
+        );
+    }
+}
+
 /// Cartilage between rigid bones, with increasing contact area.
 #[test]
 fn knee_force_increases_with_depth() {
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scenes/knee.toml");
-    let press = pressed(&Scene::read(&file).unwrap(), &PressOptions::default());
+    let mut scene = Scene::read(&file).unwrap();
+    scene.material.order = Some(OrderChoice::Exactly(ElementOrder::Linear));
+    let press = pressed(&scene, &PressOptions::default());
     let forces = |phase: &str| -> Vec<f64> {
         let samples = press.samples().iter().filter(|s| s.phase == phase);
         samples.map(|s| s.force_n).collect()

@@ -4,7 +4,7 @@ mod finger;
 mod grid;
 mod picture;
 
-use super::setup::{PressSetup, with_default_order};
+use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::support_table::Table;
 use super::{DEPTH, validity};
@@ -174,7 +174,6 @@ impl PressMap {
     /// without a suitable point; otherwise as loading the mesh.
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         wanted.check()?;
-        let scene = &with_default_order(scene);
         let mesh = scene.load_simulated_mesh(&no_progress)?;
         if let Some(pieces) = validity::in_pieces(&mesh) {
             return Err(Error::Input(pieces));
@@ -186,6 +185,7 @@ impl PressMap {
         let grid = MapGrid::new(&mesh, table.up(), wanted.points);
         let boundary = Boundary::new(&mesh, &Topology::new(&mesh), &mesh.nodes);
         let found = Sites::new(&boundary, &grid, (table, setup.radius), wanted)?;
+        let notes = found.notes.into_iter().chain(setup.order_note()).collect();
         let point = |(_, site): &(usize, PressSite)| MapPoint {
             point: site.point,
             pressed: None,
@@ -202,7 +202,7 @@ impl PressMap {
                 depth: found.depth,
             }),
             grid,
-            notes: found.notes,
+            notes,
         })
     }
 

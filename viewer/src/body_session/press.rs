@@ -238,7 +238,8 @@ mod tests {
     fn window_measures_force_of_command() {
         let gpu = Gpu::new().unwrap();
         for (name, tets) in BODIES {
-            let text = format!("[mesh]\ngenerate = \"{name}\"\ntets = {tets}\n");
+            let text =
+                format!("[mesh]\ngenerate = \"{name}\"\ntets = {tets}\n[material]\norder = 1\n");
             let scene = Scene::parse(&text).unwrap();
             let mesh = scene.load_mesh(&no_progress).unwrap();
             let radius = PressSite::default_radius(&mesh, &Topology::new(&mesh));
