@@ -132,7 +132,7 @@ impl PressSetup {
     /// Returns a note if the body is of order 1 because nothing was asked for.
     pub(super) fn order_note(&self) -> Option<String> {
         self.scene.has_linear_tets_by_default().then(|| {
-            "finite elements of order 1 (linear tets), whose forces are too high by up to tens of percent on coarse meshes; quadratic tets are slower and within a few percent (--order 2, [material] order = 2; the default of a single `palpate press`)".to_owned()
+            "finite elements of order 1 (linear tets), whose forces are too high by up to tens of percent on coarse meshes; quadratic tets are slower and come much closer (--order 2, [material] order = 2; the default of a single `palpate press`)".to_owned()
         })
     }
 }

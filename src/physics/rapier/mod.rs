@@ -16,4 +16,4 @@ mod target_springs;
 mod units;
 mod world;
 
-pub use simulator::RapierTets;
+pub(crate) use simulator::RapierTets;
