@@ -71,7 +71,7 @@ pub use model::tissue::{TISSUES, Tissue};
 pub use model::units::LocalUnits;
 pub(crate) use nodal_forces::NodalForces;
 #[cfg(feature = "rapier")]
-pub use rapier::RapierTets;
+pub(crate) use rapier::RapierTets;
 pub use simulator::capability::Capability;
 pub use simulator::checkpoint::Checkpointing;
 pub use simulator::contact::Contact;
