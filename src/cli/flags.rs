@@ -208,9 +208,8 @@ pub struct SceneFlags {
     /// of several volumes in the file of --scan, or else in the input
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
     pub volume: Vec<VolumeFlag>,
-    /// Set the order of the finite elements: 1 (linear tets), 2 (quadratic tets, which need far fewer
-    /// tets for the same error; on the CPU) or auto (2 for at most 30,000 tets) [default: 1, for a
-    /// single press auto]
+    /// Set the order of the finite elements: 1 (linear tets), 2 (quadratic tets, far fewer of which
+    /// have the same error) or auto (2 for at most 30,000 tets) [default: 1; auto for a single press]
     #[arg(long, value_name = "N", help_heading = "Physics")]
     pub order: Option<OrderChoice>,
     /// Set the density, in kg/m³
