@@ -6,7 +6,9 @@ use palpate::annotate::Axes;
 use palpate::mesh::AnatomicalFrame;
 use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::render::{Isosurface, Light};
-use palpate::scene::{IsosurfaceEntry, MaterialEntry, OrderChoice, PlaneEntry, ScanEntry, Scene, Unit};
+use palpate::scene::{
+    IsosurfaceEntry, MaterialEntry, OrderChoice, PlaneEntry, ScanEntry, Scene, Unit,
+};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
