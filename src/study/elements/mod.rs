@@ -1,6 +1,7 @@
 //! `study elements`: the error of linear tets, per tet and with averaged volumes, and of quadratic
 //! tets in static equilibrium, over tets, unknowns and time.
 
+mod block;
 mod problem;
 
 use super::{Axis, Cell, Chart, Row, Run, Series, SeriesStyle};
@@ -200,7 +201,7 @@ impl std::fmt::Display for Reached {
 /// Returns the findings: the times at [`ENOUGH`], and all rows.
 fn tell(references: &[Row], rows: &[Row]) -> String {
     let mut text = format!(
-        "Static equilibria of neo-Hookean bodies, ν = {POISSON}, five tets a cell: the deflection of the tip of a beam (0.8 × 0.2 × 0.2 m, 5 MPa) under its weight, and the normal force on a bump, 2 mm deep, 4 × 4 cm wide and bonded to the top of a block of 10 × 10 × 5 cm that stands on a bonded base. Implicit steps of 100 s in float64, each to a residual of 10⁻⁴, until a step moves by less than 10⁻³ of the displacement; the time includes the set-up.\n\n"
+        "Static equilibria of neo-Hookean bodies, ν = {POISSON}, five tets a cell: the deflection of the tip of a beam (0.8 × 0.2 × 0.2 m, 5 MPa) under its weight, and the force (work over depth) on a bump, 2 mm deep, bonded to the top of a cylindrical block of 5 cm radius and height, bonded at its base, in a disc of 2 cm radius at whose edge the bump has half its height, as a sphere in contact. Implicit steps of 100 s in float64, each to a residual of 10⁻⁴, until a step moves by less than 10⁻³ of the displacement; the time includes the set-up.\n\n"
     );
     let enough = 100.0 * ENOUGH;
     text += &format!(

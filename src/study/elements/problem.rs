@@ -1,5 +1,6 @@
 //! The problems of the study: a beam that bends, and a bump pressed into a bonded block.
 
+use super::block::Block;
 use crate::generate::{self, Split};
 use crate::gpu::Gpu;
 use crate::mesh::{ElementOrder, PIECES, TetMesh};
@@ -26,22 +27,18 @@ const BEAM: Cantilever = Cantilever {
 /// Ratio of the cells along the beam to the cells across.
 const SLENDER: usize = 4;
 
-/// Sides of the block, m.
-const BLOCK: DVec3 = DVec3::new(0.1, 0.1, 0.05);
-
-/// Half of the side of the square in which the bump is bonded to the top of the block, m.
-const BUMP: f64 = 0.02;
+/// The block into which the bump is pressed.
+const BLOCK: Block = Block {
+    radius: 0.05,
+    height: 0.05,
+    disc: 0.02,
+};
 
 /// Depth of the bump at its centre, m.
 const DEPTH: f64 = 0.002;
 
 /// Young's modulus of the block, Pa.
 const BLOCK_YOUNG: f64 = 1e4;
-
-/// Exponent of the coordinates of the block's nodes: half of the cells are in the square.
-fn grading() -> f64 {
-    (2.0 * BUMP / BLOCK.x).ln() / 0.5_f64.ln()
-}
 
 /// Stopping criteria of the timed solves: an error far below that of the discretisation.
 const TIMED: Convergence = Convergence {
@@ -97,7 +94,7 @@ pub struct Solution {
     pub tets: usize,
     /// Coordinates of free nodes.
     pub unknowns: usize,
-    /// Deflection of the beam's tip (m), or force on the bump (N).
+    /// Deflection of the beam's tip (m), or force against the depth of the bump (N).
     pub value: f64,
     /// Time from the mesh to the equilibrium, s.
     pub seconds: f64,
@@ -131,7 +128,7 @@ impl Problem {
             (Self::Beam, ElementKind::PerTet, _) => &[4, 8, 16, 32],
             (Self::Bump, _, true) => &[2, 4],
             (Self::Bump, ElementKind::Quadratic, _) => &[2, 4, 6, 8],
-            (Self::Bump, _, _) => &[4, 8, 16, 32],
+            (Self::Bump, _, _) => &[4, 8, 16, 24],
         }
     }
 
@@ -140,8 +137,8 @@ impl Problem {
         match (self, quick) {
             (Self::Beam, true) => [1, 2, 4],
             (Self::Beam, false) => [3, 6, 12],
-            (Self::Bump, true) => [2, 4, 8],
-            (Self::Bump, false) => [4, 8, 16],
+            (Self::Bump, true) => [1, 2, 4],
+            (Self::Bump, false) => [3, 6, 12],
         }
     }
 
@@ -173,20 +170,7 @@ impl Problem {
                 let size = DVec3::new(BEAM.length, BEAM.width, BEAM.width);
                 generate::box_mesh([SLENDER * cells, cells, cells], size, Split::Five)
             }
-            Self::Bump => {
-                let size = DVec3::new(2.0, 2.0, 1.0);
-                let mut mesh =
-                    generate::box_mesh([2 * cells, 2 * cells, cells], size, Split::Five)?;
-                for x in &mut mesh.nodes {
-                    let graded = |t: f64| t.signum() * t.abs().powf(grading());
-                    *x = DVec3::new(
-                        0.5 * BLOCK.x * graded(x.x - 1.0),
-                        0.5 * BLOCK.y * graded(x.y - 1.0),
-                        -BLOCK.z * graded(1.0 - x.z),
-                    );
-                }
-                Ok(mesh)
-            }
+            Self::Bump => BLOCK.mesh(cells),
         }
     }
 
@@ -203,12 +187,11 @@ impl Problem {
                 (mesh.nodes.clone(), held, gravity)
             }
             Self::Bump => {
-                let held = held(&|x| x.z < 1e-9 * BLOCK.z - BLOCK.z || in_bump(x));
+                let held = held(&|x| BLOCK.is_base(*x) || BLOCK.is_disc(*x));
                 // A displacement linear in depth, which inverts no tet.
                 let pressed = |x: &DVec3| {
-                    let off = (x.x * x.x + x.y * x.y) / (BUMP * BUMP);
-                    let depth = DEPTH * (1.0 - 0.5 * off).max(0.0);
-                    *x - depth * (1.0 + x.z / BLOCK.z) * DVec3::Z
+                    let share = 1.0 + x.z / BLOCK.height;
+                    *x - DEPTH * bump(*x) * share * DVec3::Z
                 };
                 let start = mesh.nodes.iter().map(pressed).collect();
                 (start, held, DVec3::ZERO)
@@ -228,7 +211,10 @@ impl Problem {
         is_reference: bool,
     ) -> Result<Solution> {
         let material = self.material(element);
-        let mesh = mesh_of_order(self.mesh(cells)?, material.order)?;
+        let mut mesh = mesh_of_order(self.mesh(cells)?, material.order)?;
+        if self == Self::Bump {
+            BLOCK.round(&mut mesh);
+        }
         let (start, held, gravity) = self.start(&mesh);
         let convergence = if is_reference { REFERENCE } else { TIMED };
         let begin = Instant::now();
@@ -241,7 +227,8 @@ impl Problem {
                 let forces = Capability::NodalForces.require(body.reactions())?;
                 let forces = forces.nodal_forces()?;
                 let nodes = forces.iter().zip(&mesh.nodes);
-                nodes.filter(|(_, x)| in_bump(x)).map(|(f, _)| f.z).sum()
+                let disc = nodes.filter(|(_, x)| BLOCK.is_disc(**x));
+                disc.map(|(f, x)| f.z * bump(*x)).sum()
             }
         };
         if !(value > 0.0 && value.is_finite()) {
@@ -264,8 +251,9 @@ impl Problem {
     }
 }
 
-/// Whether a node of the block is bonded to the bump.
-fn in_bump(x: &DVec3) -> bool {
-    let most = (1.0 + 1e-9) * BUMP;
-    x.z > -1e-9 * BLOCK.z && x.x.abs() <= most && x.y.abs() <= most
+/// The height of the bump at `x` over that at its centre. A sphere that is pressed into a half-space
+/// touches it in a disc at whose edge the bump has half of its height (Hertz).
+fn bump(x: DVec3) -> f64 {
+    let off = (x.x * x.x + x.y * x.y) / (BLOCK.disc * BLOCK.disc);
+    (1.0 - 0.5 * off).max(0.0)
 }
