@@ -29,8 +29,22 @@ impl Scene {
     /// # Errors
     /// [`Error::Input`] for a scene of several bodies; otherwise as [`MeshSource::load`].
     pub fn mesh_of_one(&self) -> Result<TetMesh> {
+        self.check_single_body()?;
+        self.load_simulated_mesh(&no_progress)
+    }
+
+    /// Returns the mesh of a scene of one body with all of its nodes, whatever the order of the scene.
+    ///
+    /// # Errors
+    /// As [`Scene::mesh_of_one`].
+    pub(crate) fn whole_mesh_of_one(&self) -> Result<TetMesh> {
+        self.check_single_body()?;
+        self.load_mesh(&no_progress)
+    }
+
+    fn check_single_body(&self) -> Result<()> {
         match self.body.is_empty() {
-            true => self.load_simulated_mesh(&no_progress),
+            true => Ok(()),
             false => Err(Error::Input(
                 "a single body is required, but the scene has [[body]] entries; use a scene with the [mesh] of one of them".into(),
             )),

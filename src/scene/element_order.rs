@@ -104,6 +104,18 @@ impl Scene {
         }
     }
 
+    /// Whether order 2 is worth trying for the tets of `mesh` in this scene, with an implicit solver
+    /// and no cage: the scene sets it, or sets nothing that excludes it.
+    pub(crate) fn supports_order_2(&self, mesh: &TetMesh) -> bool {
+        if self.material.order == Some(OrderChoice::Exactly(ElementOrder::Quadratic)) {
+            return true;
+        }
+        let mut plain = self.clone();
+        plain.cage = None;
+        plain.solver.name = None;
+        plain.unsuited_to_order_2(mesh).is_none()
+    }
+
     /// Loads the mesh of a scene of one body as it is simulated: of ten-node tets the corners only,
     /// unless the scene sets order 2.
     ///

@@ -8,6 +8,7 @@ mod bodies;
 mod cages;
 mod chart;
 mod csv_table;
+mod elements;
 mod lumps;
 mod motion;
 mod pareto;
@@ -43,6 +44,11 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
         "motion",
         "Motion error against cost: solvers, time steps, linear solves and the model",
         motion::run,
+    ),
+    (
+        "elements",
+        "Error of linear and quadratic tets in static equilibrium, against tets, unknowns and time",
+        elements::run,
     ),
     (
         "stability",

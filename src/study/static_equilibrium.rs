@@ -2,9 +2,9 @@
 
 use super::reference_motion::ReferenceMotion;
 use crate::gpu::Gpu;
-use crate::mesh::TetMesh;
+use crate::mesh::{ElementOrder, TetMesh};
 use crate::physics::{
-    CpuTets, DiscreteModel, Material, MaterialModel, Precision, Simulator, SolverKind,
+    CgSettings, CpuTets, DiscreteModel, Material, MaterialModel, Precision, Simulator, SolverKind,
     VolumetricFormulation,
 };
 use crate::{Error, Result};
@@ -18,48 +18,46 @@ const MAX_STEPS: u32 = 100;
 
 /// Returns the material models to compare: names, and materials of Young's modulus `young` (Pa).
 pub fn materials(young: f64) -> Vec<(String, Material)> {
+    use ElementOrder::{Linear, Quadratic};
+    use MaterialModel::{Corotated, NeoHookean};
+    use VolumetricFormulation::{NodalAveraged, PerTet};
     let springs = ("springs".to_owned(), Material::from_young(young));
     let elements = [
-        (
-            MaterialModel::NeoHookean,
-            0.25,
-            VolumetricFormulation::PerTet,
-        ),
-        (
-            MaterialModel::Corotated,
-            0.25,
-            VolumetricFormulation::PerTet,
-        ),
-        (
-            MaterialModel::NeoHookean,
-            0.45,
-            VolumetricFormulation::PerTet,
-        ),
-        (
-            MaterialModel::NeoHookean,
-            0.49,
-            VolumetricFormulation::PerTet,
-        ),
-        (
-            MaterialModel::NeoHookean,
-            0.49,
-            VolumetricFormulation::NodalAveraged,
-        ),
+        (NeoHookean, 0.25, PerTet, Linear),
+        (Corotated, 0.25, PerTet, Linear),
+        (NeoHookean, 0.45, PerTet, Linear),
+        (NeoHookean, 0.49, PerTet, Linear),
+        (NeoHookean, 0.49, NodalAveraged, Linear),
+        (NeoHookean, 0.45, PerTet, Quadratic),
+        (NeoHookean, 0.49, PerTet, Quadratic),
     ];
-    let elements = elements.map(|(model, poisson, volume)| {
-        let averaged = match volume {
-            VolumetricFormulation::PerTet => "",
-            VolumetricFormulation::NodalAveraged => ", averaged",
+    let elements = elements.map(|(model, poisson, volume, order)| {
+        let kind = match (volume, order) {
+            (_, Quadratic) => ", quadratic",
+            (NodalAveraged, Linear) => ", averaged",
+            (PerTet, Linear) => "",
         };
         let material = Material {
             model,
             poisson,
             volume,
+            order,
             ..Material::from_young(young)
         };
-        (format!("{} {poisson}{averaged}", model.name()), material)
+        (format!("{} {poisson}{kind}", model.name()), material)
     });
     std::iter::once(springs).chain(elements).collect()
+}
+
+/// Returns `mesh` with the nodes that elements of this order have.
+///
+/// # Errors
+/// As [`TetMesh::with_mid_edge_nodes`].
+pub fn mesh_of_order(mesh: TetMesh, order: ElementOrder) -> Result<TetMesh> {
+    match order {
+        ElementOrder::Linear => Ok(mesh),
+        ElementOrder::Quadratic => mesh.with_mid_edge_nodes(),
+    }
 }
 
 /// Returns Poisson's ratio of `material`; spring networks have ¼.
@@ -67,6 +65,25 @@ pub fn poisson(material: &Material) -> f64 {
     match material.model {
         MaterialModel::Springs => 0.25,
         _ => material.poisson,
+    }
+}
+
+/// How close to its equilibrium a body comes.
+#[derive(Clone, Copy, Debug)]
+pub struct Convergence {
+    /// Stopping criteria of each step.
+    pub settings: CgSettings,
+    /// Motion in the last step, relative to the displacement.
+    pub change: f64,
+}
+
+impl Convergence {
+    /// Fully converged.
+    pub fn exact() -> Convergence {
+        Convergence {
+            settings: ReferenceMotion::converged_scheme(SolverKind::Implicit).1,
+            change: 1e-7,
+        }
     }
 }
 
@@ -81,9 +98,10 @@ pub fn at_rest(
     material: &Material,
     (start, held): (&[DVec3], &[u32]),
     gravity: DVec3,
+    convergence: Convergence,
 ) -> Result<CpuTets> {
     let discrete_model = DiscreteModel::new(mesh, material)?;
-    let how = ReferenceMotion::converged_scheme(SolverKind::Implicit);
+    let how = (SolverKind::Implicit, convergence.settings);
     let own = (mesh.clone(), discrete_model);
     let mut body = CpuTets::of_model(gpu, own, material, how, Precision::Double)?;
     body.set_positions(start)?;
@@ -96,7 +114,7 @@ pub fn at_rest(
         let way = |(a, b): (&DVec3, &DVec3)| a.distance(*b);
         let moved = now.iter().zip(&before).map(way).fold(0.0, f64::max);
         let sunk = now.iter().zip(&mesh.nodes).map(way).fold(0.0, f64::max);
-        if moved <= 1e-7 * sunk {
+        if moved <= convergence.change * sunk {
             return Ok(body);
         }
         before = now;
@@ -148,13 +166,17 @@ impl Cantilever {
         let nodes = (0u32..).zip(&mesh.nodes);
         let held: Vec<u32> = nodes.filter(|n| n.1.x < slack).map(|n| n.0).collect();
         let gravity = GRAVITY_SCALE * self.gravity * DVec3::NEG_Z;
-        let body = at_rest(gpu, mesh, material, (&mesh.nodes, &held), gravity)?;
-        let now = body.positions()?;
-        let end = mesh.nodes.iter().zip(&now);
-        let ways: Vec<f64> = end
-            .filter(|(rest, _)| rest.x > self.length - slack)
-            .map(|(rest, x)| (rest.z - x.z) / GRAVITY_SCALE)
-            .collect();
-        Ok(ways.iter().sum::<f64>() / ways.len().max(1) as f64)
+        let start = (mesh.nodes.as_slice(), held.as_slice());
+        let body = at_rest(gpu, mesh, material, start, gravity, Convergence::exact())?;
+        Ok(self.tip(mesh, &body.positions()?) / GRAVITY_SCALE)
+    }
+
+    /// Returns the mean deflection of the free end of `mesh` with its nodes at `now`, m.
+    pub(super) fn tip(&self, mesh: &TetMesh, now: &[DVec3]) -> f64 {
+        let end = self.length - 1e-9 * self.length;
+        let nodes = mesh.nodes.iter().zip(now);
+        let ways = nodes.filter(|(rest, _)| rest.x > end);
+        let ways: Vec<f64> = ways.map(|(rest, x)| rest.z - x.z).collect();
+        ways.iter().sum::<f64>() / ways.len().max(1) as f64
     }
 }

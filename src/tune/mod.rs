@@ -1,17 +1,20 @@
 //! Finds the cheapest simulation and rendering settings of a scene for a given accuracy.
 //!
-//! The reference is the converged motion of the fine body, and its image with the finest table at
-//! full size. Candidates of motion (cage, solver, time step, solver tolerance) and of the image
+//! The reference is the converged motion of the fine body, of quadratic tets if it supports them, and
+//! its image with the finest table at full size. Candidates of motion (cage, order of the elements,
+//! solver, time step, solver tolerance) and of the image
 //! (size, table) are each timed on this machine by a short probe; then they are compared with the
 //! reference in order of cost ([`SearchResult::cheapest`]), until one is accurate enough. So the choice is the
 //! cheapest of all candidates, and a looser tolerance never costs more.
 
 mod motion;
+mod motion_point;
 mod picture;
 mod search;
 mod write;
 
-pub use motion::{Body, Cost, MotionPoint, MotionSearch};
+pub use motion::{Cost, MotionSearch};
+pub use motion_point::{Body, MotionPoint};
 pub(crate) use picture::PicturePoint;
 pub(crate) use picture::PictureSearch;
 pub use search::{Candidates, SearchResult};

@@ -1,27 +1,21 @@
-//! Motion candidates: the body or a cage, solver, time step and solver tolerance.
+//! Trials of motion candidates against the reference motion.
 
+use super::motion_point::{Body, BodyKey, MotionPoint, bodies};
 use super::search::Candidates;
-use crate::cage::CageKind;
 use crate::gpu::Gpu;
-use crate::mesh::TetMesh;
+use crate::mesh::{ElementOrder, TET_EDGES, TetMesh};
 use crate::physics::SolverKind;
 use crate::progress::ProgressScope;
-use crate::scene::{CageEntry, Motion, Scene};
+use crate::scene::{Motion, Scene};
 use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
-use std::fmt;
 use web_time::Instant;
 
 /// Number of times at which the motion is compared with the reference.
 const COMPARISONS: u32 = 4;
 /// Steps of a timing probe.
 const PROBE_STEPS: u32 = 3;
-/// Maximum number of cage nodes relative to the nodes of the mesh.
-const MAX_CAGE_FRACTION: f64 = 0.6;
-/// Approximate size of the smallest cage, in nodes, and the maximum number of cages.
-const MIN_CAGE_TETS: f64 = 60.0;
-const CAGES: usize = 4;
 /// Steps between two comparisons, relative to those with the scene's time step.
 const STEP_RATIOS: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// Tolerances of conjugate gradients.
@@ -34,73 +28,6 @@ const EVALUATIONS: f64 = 3.0;
 const REFERENCE_TOLERANCE: f64 = 1e-4;
 /// Minimum RMS displacement that counts as motion, relative to the body size.
 const MIN_MOTION_RATIO: f64 = 1e-6;
-
-/// Simulated body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Body {
-    /// A lattice cage of about this number of nodes.
-    Cage(usize),
-    /// The mesh itself.
-    Own,
-}
-
-/// A motion candidate.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MotionPoint {
-    /// Simulated body.
-    pub body: Body,
-    /// Solver.
-    pub solver: SolverKind,
-    /// Time step, s.
-    pub dt: f64,
-    /// Tolerance of conjugate gradients; 0 for solvers without.
-    pub tolerance: f64,
-}
-
-impl fmt::Display for Body {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Body::Cage(nodes) => write!(f, "cage of about {nodes} nodes"),
-            Body::Own => write!(f, "tets of the mesh"),
-        }
-    }
-}
-
-impl fmt::Display for MotionPoint {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}, {} with time step {:.3e} s",
-            self.body, self.solver, self.dt
-        )?;
-        match self.tolerance > 0.0 {
-            true => write!(f, " and solver tolerance {}", self.tolerance),
-            false => Ok(()),
-        }
-    }
-}
-
-impl MotionPoint {
-    /// Applies the candidate to a scene; the simulated time between two images is preserved.
-    pub fn apply(&self, scene: &mut Scene) {
-        let steps = scene.solver.steps.zip(scene.solver.dt);
-        scene.cage = match self.body {
-            Body::Own => None,
-            Body::Cage(nodes) => Some(CageEntry {
-                nodes: Some(nodes),
-                kind: Some(CageKind::Lattice),
-                damping: None,
-            }),
-        };
-        scene.solver.name = Some(self.solver.name().to_owned());
-        scene.solver.dt = Some(self.dt);
-        scene.solver.tolerance = (self.tolerance > 0.0).then_some(self.tolerance);
-        if let Some((steps, dt)) = steps {
-            let steps = (f64::from(steps) * dt / self.dt).round();
-            scene.solver.steps = Some(steps.max(1.0) as u32);
-        }
-    }
-}
 
 /// Cost measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -116,24 +43,26 @@ pub struct MotionSearch<'a> {
     gpu: Gpu,
     scene: Scene,
     mesh: TetMesh,
+    /// Nodes of `mesh` whose positions are compared: those that all bodies have, its corners.
+    corners: Vec<usize>,
     cost: Cost,
     /// Time between two comparisons, s.
     pace: f64,
     points: Vec<MotionPoint>,
-    /// Reference positions of the nodes at each comparison.
+    /// Reference positions of the corners at each comparison.
     truth: Vec<Vec<DVec3>>,
     /// Σ |displacement|² over nodes and comparisons.
     moved: f64,
-    /// Cache of simulations, by body and solver.
-    made: BTreeMap<(Body, &'static str), std::result::Result<Motion, String>>,
+    /// Cache of simulations.
+    made: BTreeMap<BodyKey, std::result::Result<Motion, String>>,
     progress: ProgressFn<'a>,
     /// Current task and its completed fraction.
     task: (&'static str, f64),
 }
 
 impl<'a> MotionSearch<'a> {
-    /// Computes the reference for the first `seconds` of the motion of `scene`: with its own mesh,
-    /// by implicit Euler (BDF2 for finite elements on the CPU) with an eighth and a sixteenth of
+    /// Computes the reference for the first `seconds` of the motion of `scene`: with its own mesh
+    /// (as quadratic tets, if the body supports them), by implicit Euler (BDF2 for finite elements on the CPU) with an eighth and a sixteenth of
     /// its time step, by Richardson extrapolation to zero.
     ///
     /// # Errors
@@ -158,7 +87,7 @@ impl<'a> MotionSearch<'a> {
         }
         let mut scene = scene.clone();
         scene.solver.sleep = Some(false);
-        let mesh = scene.mesh_of_one()?;
+        let mesh = scene.whole_mesh_of_one()?;
         let pace = seconds / f64::from(COMPARISONS);
         let own = scene.solver.dt.unwrap_or(0.01).min(pace);
         let steps = (pace / own).ceil();
@@ -168,24 +97,19 @@ impl<'a> MotionSearch<'a> {
         let finest = counts.iter().copied().max().unwrap_or(1);
         let mut counts = counts;
         counts.dedup();
-        let nodes = mesh.nodes.len() as f64;
-        let most = MAX_CAGE_FRACTION * nodes;
-        let growth = (most / MIN_CAGE_TETS)
-            .max(1.0)
-            .powf(1.0 / CAGES as f64)
-            .max(1.5);
-        let sizes = (0..CAGES).map(|k| most / growth.powi(k as i32 + 1));
-        let mut bodies: Vec<Body> = sizes
-            .filter(|n| *n >= 0.5 * MIN_CAGE_TETS)
-            .map(|n| Body::Cage(n.round() as usize))
-            .collect();
-        bodies.push(Body::Own);
+        let mut corners: Vec<usize> = (0..mesh.nodes.len()).collect();
+        if mesh.order == ElementOrder::Quadratic {
+            let is_middle = mesh.mid_edge_nodes();
+            corners.retain(|v| !is_middle[*v]);
+        }
+        let bodies = bodies(corners.len(), scene.supports_order_2(&mesh));
         let mut points = Vec::new();
-        for body in bodies {
+        for (body, order) in &bodies {
             for count in &counts {
                 for tolerance in TOLERANCES {
                     points.push(MotionPoint {
-                        body,
+                        body: *body,
+                        order: *order,
                         solver: SolverKind::Implicit,
                         dt: pace / f64::from(*count),
                         tolerance,
@@ -197,6 +121,7 @@ impl<'a> MotionSearch<'a> {
             gpu: gpu.clone(),
             scene,
             mesh,
+            corners,
             cost,
             pace,
             points,
@@ -206,20 +131,29 @@ impl<'a> MotionSearch<'a> {
             progress,
             task: ("reference", 0.0),
         };
-        let second_order = motions.add_second_order(&counts);
-        motions.find_truth(finest, second_order)?;
+        let orders: Vec<Option<ElementOrder>> = bodies
+            .into_iter()
+            .filter(|(body, _)| *body == Body::Own)
+            .map(|(_, order)| order)
+            .collect();
+        let second_order = motions.add_second_order(&counts, &orders);
+        // The last order is the highest.
+        let order = orders.last().copied().flatten();
+        motions.find_truth(finest, (second_order, order))?;
         motions.add_explicit(MAX_EXPLICIT_TETS * f64::from(finest))?;
         Ok(motions)
     }
 
     /// Adds second-order candidates if the body has finite elements on the CPU; returns whether it
     /// does.
-    fn add_second_order(&mut self, counts: &[u32]) -> bool {
+    fn add_second_order(&mut self, counts: &[u32], orders: &[Option<ElementOrder>]) -> bool {
         let mut found = false;
-        for solver in SolverKind::ELEMENT_ONLY {
+        let all = SolverKind::ELEMENT_ONLY.into_iter();
+        for (solver, order) in all.flat_map(|s| orders.iter().map(move |order| (s, *order))) {
             let candidates = counts.iter().flat_map(|count| {
                 TOLERANCES.map(|tolerance| MotionPoint {
                     body: Body::Own,
+                    order,
                     solver,
                     dt: self.pace / f64::from(*count),
                     tolerance,
@@ -236,7 +170,11 @@ impl<'a> MotionSearch<'a> {
         found
     }
 
-    fn find_truth(&mut self, finest: u32, second_order: bool) -> Result<()> {
+    fn find_truth(
+        &mut self,
+        finest: u32,
+        (second_order, order): (bool, Option<ElementOrder>),
+    ) -> Result<()> {
         // Halving the step reduces the error by a factor of 2 or 4.
         let (solver, left) = match second_order {
             true => (SolverKind::Bdf2, 0.25),
@@ -247,6 +185,7 @@ impl<'a> MotionSearch<'a> {
             self.task = ("reference", 0.1 + 0.3 * n as f64);
             let point = MotionPoint {
                 body: Body::Own,
+                order,
                 solver,
                 dt: self.pace / f64::from(count),
                 tolerance: REFERENCE_TOLERANCE,
@@ -268,8 +207,8 @@ impl<'a> MotionSearch<'a> {
                 both.map(|(f, c)| *f + on * (*f - *c)).collect()
             })
             .collect();
-        let rest = &self.mesh.nodes;
-        let moved = |there: &Vec<DVec3>| sum_of_squared_distances(there, rest);
+        let rest = at_corners(&self.corners, self.mesh.nodes.clone());
+        let moved = |there: &Vec<DVec3>| sum_of_squared_distances(there, &rest);
         self.moved = self.truth.iter().map(moved).sum();
         let (low, high) = self.mesh.bounds();
         let least = MIN_MOTION_RATIO * (high - low).max_element();
@@ -284,10 +223,16 @@ impl<'a> MotionSearch<'a> {
     /// Adds explicit candidates with their largest stable step, unless they need more than `most`
     /// steps between two comparisons.
     fn add_explicit(&mut self, most: f64) -> Result<()> {
-        let bodies: std::collections::BTreeSet<Body> = self.points.iter().map(|p| p.body).collect();
-        for body in bodies {
+        let mut bodies: Vec<(Body, Option<ElementOrder>)> = Vec::new();
+        for point in &self.points {
+            if !bodies.contains(&(point.body, point.order)) {
+                bodies.push((point.body, point.order));
+            }
+        }
+        for (body, order) in bodies {
             let mut point = MotionPoint {
                 body,
+                order,
                 solver: SolverKind::Symplectic,
                 dt: 0.0,
                 tolerance: 0.0,
@@ -304,28 +249,43 @@ impl<'a> MotionSearch<'a> {
                 continue;
             }
             point.dt = self.pace / count;
-            self.made.insert((body, point.solver.name()), Ok(motion));
+            self.made.insert(point.body_key(), Ok(motion));
             self.points.push(point);
         }
         Ok(())
     }
 
-    /// Returns the reference positions at the end.
+    /// Returns the reference positions of the nodes of the mesh at the end. Of ten-node tets in a
+    /// file the edges are not bent.
     pub fn final_reference(&self) -> Vec<DVec3> {
-        self.truth.last().cloned().unwrap_or_default()
+        let rest = &self.mesh.nodes;
+        let mut positions = rest.clone();
+        let end = self.truth.last().into_iter().flatten();
+        for (v, x) in self.corners.iter().zip(end) {
+            positions[*v] = *x;
+        }
+        for nodes in self.mesh.quadratic_elements().unwrap_or_default() {
+            let nodes = nodes.map(|v| v as usize);
+            for (middle, [a, b]) in nodes[4..].iter().zip(TET_EDGES) {
+                let moved = |v: usize| positions[nodes[v]] - rest[nodes[v]];
+                positions[*middle] = rest[*middle] + 0.5 * (moved(a) + moved(b));
+            }
+        }
+        positions
     }
 
-    /// Runs a candidate from rest and passes the node positions at each comparison to `look`, until
-    /// it returns false.
+    /// Runs a candidate from rest and passes the positions of the corners at each comparison to
+    /// `look`, until it returns false.
     fn run(&mut self, point: &MotionPoint, look: &mut dyn FnMut(&[DVec3]) -> bool) -> Result<()> {
         let steps = (self.pace / point.dt).round() as u32;
         let (what, share) = self.task;
         let part = ProgressScope::begin(self.progress, what, share)?;
+        let corners = self.corners.clone();
         let motion = self.motion(point)?.map_err(Error::Input)?;
         for _ in 0..COMPARISONS {
             part.check_cancelled()?;
             motion.run(steps, &mut |_| {})?;
-            if !look(&motion.positions()?) {
+            if !look(&at_corners(&corners, motion.positions()?)) {
                 break;
             }
         }
@@ -337,13 +297,10 @@ impl<'a> MotionSearch<'a> {
         let mut scene = self.scene.clone();
         point.apply(&mut scene);
         let (gpu, mesh) = (&self.gpu, &self.mesh);
-        let made = self
-            .made
-            .entry((point.body, point.solver.name()))
-            .or_insert_with(|| {
-                let made = Motion::new(gpu, &scene, point.solver, mesh.clone(), None);
-                made.map(|m| m.0).map_err(|e| e.to_string())
-            });
+        let made = self.made.entry(point.body_key()).or_insert_with(|| {
+            let made = Motion::new(gpu, &scene, point.solver, mesh.clone(), None);
+            made.map(|m| m.0).map_err(|e| e.to_string())
+        });
         match made {
             Ok(motion) => {
                 motion.restart(&scene)?;
@@ -401,14 +358,28 @@ impl Candidates for MotionSearch<'_> {
     }
 }
 
+/// Returns the positions of the corners of a mesh from those of a body with its nodes, and perhaps
+/// with further ones after them, or with its corners only.
+fn at_corners(corners: &[usize], positions: Vec<DVec3>) -> Vec<DVec3> {
+    if positions.len() == corners.len() {
+        return positions;
+    }
+    corners.iter().map(|v| positions[*v]).collect()
+}
+
 /// Returns the visits of edges (of springs and elements) in the last steps, in millions per step.
 fn visits(motion: &Motion) -> Result<f64> {
     let simulator = motion.simulator.as_ref();
     let simulator = simulator.coarse_body().unwrap_or(simulator);
     let edges = simulator.edge_nodes().len() as f64;
-    // Elements are evaluated a few times a step, six edges each; solver iterations traverse edges.
-    let elements = simulator.model().map_or(0, |n| n.tets().len());
-    let elements = 6.0 * EVALUATIONS * elements as f64;
+    // Elements are evaluated a few times a step, with all pairs of their nodes; solver iterations
+    // traverse edges.
+    let elements = simulator.model().and_then(|model| model.elements());
+    let pairs = elements.map_or(0, |elements| {
+        let own = if elements.order() == 1 { 6 } else { 45 };
+        own * elements.tets.len()
+    });
+    let elements = EVALUATIONS * pairs as f64;
     let last = simulator.iterations()?;
     let last = &last[last.len().saturating_sub(PROBE_STEPS as usize)..];
     if simulator.model().is_none() && last.is_empty() {

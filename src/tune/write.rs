@@ -54,6 +54,10 @@ pub(super) fn changes(tuned: &Tuned) -> Vec<Change> {
             let kind = cage.kind.map(|k| EntryValue::Text(k.name().into()));
             put("cage", Some("kind"), kind);
         }
+        if let Some(order) = tuned.motion.as_ref().and_then(|m| m.point.order) {
+            let number = EntryValue::Count(order.number().into());
+            put("material", Some("order"), Some(number));
+        }
         let solver = &chosen.solver;
         let steps = solver.steps.map(|n| EntryValue::Count(n.into()));
         for (key, value) in [

@@ -8,7 +8,7 @@ use crate::physics::{
     largest_stable_step,
 };
 use crate::study::reference_motion::ReferenceMotion;
-use crate::study::static_equilibrium::{at_rest, materials, poisson};
+use crate::study::static_equilibrium::{Convergence, at_rest, materials, mesh_of_order, poisson};
 use crate::study::{Cell, Run};
 use glam::DVec3;
 
@@ -52,7 +52,7 @@ impl Noise {
 
 /// Stretches and perturbs the paper's bar of `material` and measures the results.
 fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
-    let mesh = generate::paper_bar()?;
+    let mesh = mesh_of_order(generate::paper_bar()?, material.order)?;
     let model = DiscreteModel::new(&mesh, material)?;
     let free = vec![false; mesh.nodes.len()];
     let largest = largest_stable_step(&model, &free, SolverKind::Symplectic);
@@ -67,7 +67,8 @@ fn measure(run: &Run, material: &Material) -> Result<Vec<Cell>> {
     let at_end = |x: &DVec3| !(1e-6..=1.0 - 1e-6).contains(&along(x));
     let nodes = (0u32..).zip(&mesh.nodes);
     let held: Vec<u32> = nodes.filter(|n| at_end(n.1)).map(|n| n.0).collect();
-    let mut body = at_rest(run.gpu, &mesh, material, (&drawn, &held), DVec3::ZERO)?;
+    let (start, exact) = ((drawn.as_slice(), held.as_slice()), Convergence::exact());
+    let mut body = at_rest(run.gpu, &mesh, material, start, DVec3::ZERO, exact)?;
     let volume = |nodes: &[DVec3]| -> f64 {
         let tets = mesh.tets.iter();
         tets.map(|t| signed_volume(t.map(|v| nodes[v as usize])))

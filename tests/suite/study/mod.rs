@@ -1,5 +1,6 @@
 //! Studies: measurements are kept, resumed, and plotted.
 
+mod elements;
 mod frame;
 mod motion;
 mod pictures;

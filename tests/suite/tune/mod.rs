@@ -2,8 +2,9 @@
 //! in spring evaluations, so they are the same on every machine.
 
 use palpate::gpu::Gpu;
-use palpate::scene::Scene;
-use palpate::tune::{Candidates, Cost, MotionPoint, MotionSearch, SearchResult};
+use palpate::mesh::ElementOrder;
+use palpate::scene::{OrderChoice, Scene};
+use palpate::tune::{Body, Candidates, Cost, MotionPoint, MotionSearch, SearchResult, TuneTarget};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 
@@ -213,6 +214,7 @@ fn tuned_scene_round_trips() {
     let again = Scene::read(&to).unwrap();
     let point = tuned.motion.as_ref().unwrap().point;
     assert_eq!(again.solver.dt, Some(point.dt));
+    assert_eq!(again.material.order, point.order.map(OrderChoice::Exactly));
     let seconds = f64::from(again.solver.steps.unwrap()) * point.dt;
     // As many steps as come closest.
     assert!((seconds - 0.2).abs() <= 0.5001 * point.dt, "{seconds}");
@@ -231,4 +233,103 @@ fn tuned_scene_round_trips() {
             palpate::tune::tune(&gpu, &scene, &wanted(bad, None), &palpate::no_progress).is_err()
         );
     }
+}
+
+/// A coarse bar that bends: linear tets are far too stiff at any step.
+const BENDING_BAR: &str = "[mesh]\ngenerate = \"bar\"\ntets = 60\n[material]\nyoung = 5e4\npoisson = 0.45\n\
+    [solver]\nname = \"implicit\"\ndt = 0.04\nsteps = 4\ngravity = [0, 0, -9.81]\n\
+    [[pin]]\naxis = \"x\"\nbelow = 0.05\n[picture]\nsize = [32, 24]\n";
+
+#[test]
+fn order_of_elements_is_chosen_and_written() {
+    let gpu = crate::support::gpu();
+    let folder = tempfile::tempdir().unwrap();
+    let [from, to] = ["bar.toml", "tuned.toml"].map(|name| folder.path().join(name));
+    std::fs::write(&from, BENDING_BAR).unwrap();
+    let scene = Scene::read(&from).unwrap();
+    let wanted = TuneTarget {
+        error: 0.1,
+        fps: None,
+        seconds: 0.16,
+    };
+    let tuned = palpate::tune::tune(&gpu, &scene, &wanted, &palpate::no_progress).unwrap();
+    let motion = tuned.motion.as_ref().unwrap();
+    assert!(motion.met, "{:?}", tuned.notes);
+    let point = motion.point;
+    assert_eq!(point.body, Body::Own);
+    assert_eq!(point.order, Some(ElementOrder::Quadratic));
+    assert!(
+        tuned.notes[0].contains("quadratic tets of the mesh"),
+        "{:?}",
+        tuned.notes
+    );
+    tuned.write(&from, &to).unwrap();
+    let again = Scene::read(&to).unwrap();
+    let quadratic = OrderChoice::Exactly(ElementOrder::Quadratic);
+    assert_eq!(again.material.order, Some(quadratic));
+    assert_eq!(again.material.young, Some(5e4));
+
+    // No candidate of linear tets would have been accurate enough.
+    let mut motions =
+        MotionSearch::new(&gpu, &scene, 0.16, Cost::Visits, &palpate::no_progress).unwrap();
+    let linear = Some(ElementOrder::Linear);
+    let (mut least, mut count) = (f64::INFINITY, 0);
+    for point in motions.points() {
+        if point.order == linear {
+            least = least.min(motions.error(&point, f64::INFINITY).unwrap());
+            count += 1;
+        }
+    }
+    assert!(count > 20 && least > 0.1, "{least} of {count}");
+}
+
+/// A body without order 2 has no choice of it, and its order is not written.
+#[test]
+fn order_is_no_choice_for_springs_and_averaged_volumes() {
+    let gpu = crate::support::gpu();
+    for setting in ["model = \"springs\"", "volume = \"averaged\""] {
+        let text = BENDING_BAR.replace("poisson = 0.45", setting);
+        let scene = Scene::parse(&text).unwrap();
+        let motions =
+            MotionSearch::new(&gpu, &scene, 0.16, Cost::Visits, &palpate::no_progress).unwrap();
+        let points = motions.points();
+        assert!(points.iter().all(|p| p.order.is_none()), "{setting}");
+        let mut tuned = scene.clone();
+        points[0].apply(&mut tuned);
+        assert_eq!(tuned.material.order, None);
+    }
+}
+
+/// Mid-edge nodes of a file are simulated by the candidates of order 2 only, and all are posed in the
+/// picture.
+#[test]
+fn ten_node_tets_of_a_file_are_tuned_by_either_order() {
+    let gpu = crate::support::gpu();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bar.vtu");
+    let mut mesh = palpate::generate::bar([4, 1, 1], glam::DVec3::new(0.4, 0.1, 0.1)).unwrap();
+    mesh = mesh.with_mid_edge_nodes().unwrap();
+    palpate::io::write(&file, &mesh).unwrap();
+    let generated = "generate = \"bar\"\ntets = 60\n";
+    let text = BENDING_BAR.replace(
+        generated,
+        &format!("file = '{}'\nunit = \"m\"\n", file.display()),
+    );
+    let scene = Scene::parse(&text).unwrap();
+    let mut motions =
+        MotionSearch::new(&gpu, &scene, 0.16, Cost::Visits, &palpate::no_progress).unwrap();
+    let end = motions.final_reference();
+    assert_eq!(end.len(), mesh.nodes.len());
+    let [mut linear, mut quadratic] = [f64::INFINITY; 2];
+    for point in motions.points() {
+        if point.body != Body::Own {
+            continue;
+        }
+        let least = match point.order {
+            Some(ElementOrder::Quadratic) => &mut quadratic,
+            _ => &mut linear,
+        };
+        *least = least.min(motions.error(&point, f64::INFINITY).unwrap());
+    }
+    assert!(quadratic < 0.02 && linear > 0.1, "{quadratic} {linear}");
 }
