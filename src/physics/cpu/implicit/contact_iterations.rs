@@ -17,9 +17,6 @@ use glam::DVec3;
 /// Residual tolerance relative to the contact forces and other driving forces.
 const CONTACT_TOLERANCE: f64 = 1e-3;
 
-/// Residual tolerance of linear solves with contact.
-const CONTACT_LINEAR_TOLERANCE: f64 = 1e-2;
-
 /// Largest number of iterations of a step with contact.
 const MAX_CONTACT_ITERATIONS: u32 = 80;
 
@@ -94,7 +91,9 @@ impl<T: Real> NewtonSolver<T> {
                 true => settings.tolerance.min(CONTACT_TOLERANCE),
                 false => CONTACT_TOLERANCE,
             },
-            linear_tolerance: settings.linear_tolerance.min(CONTACT_LINEAR_TOLERANCE),
+            linear_tolerance: settings
+                .linear_tolerance
+                .min(linear_solver.contact_tolerance()),
         };
         1
     }

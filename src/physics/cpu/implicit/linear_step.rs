@@ -16,6 +16,13 @@ use crate::physics::cpu::vectors::{
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+/// Residual tolerance of linear solves with contact.
+const CONTACT_LINEAR_TOLERANCE: f64 = 1e-2;
+
+/// The same for quadratic tets, whose solves take longer: accurate ones hardly save Newton iterations
+/// while the contact is still changing.
+const QUADRATIC_CONTACT_LINEAR_TOLERANCE: f64 = 0.1;
+
 /// Largest number of solves with one coarse space.
 const MAX_COARSE_AGE: u32 = 30;
 
@@ -127,6 +134,14 @@ impl<T: Real> LinearStepSolver<T> {
     /// Sets the coarse space of a body of quadratic tets.
     pub fn set_linear_tets(&mut self, nodes: LinearTetNodes) {
         self.linear_tets = Some(LinearTetSpace::new(nodes));
+    }
+
+    /// Returns the largest relative residual of linear solves with contact.
+    pub fn contact_tolerance(&self) -> f64 {
+        match self.linear_tets {
+            Some(_) => QUADRATIC_CONTACT_LINEAR_TOLERANCE,
+            None => CONTACT_LINEAR_TOLERANCE,
+        }
     }
 
     /// Drops the coarse space, after the set of fixed nodes has changed.
