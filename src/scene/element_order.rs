@@ -105,10 +105,13 @@ impl Scene {
     }
 
     /// Whether order 2 is worth trying for the tets of `mesh` in this scene, with an implicit solver
-    /// and no cage: the scene sets it, or sets nothing that excludes it.
-    pub(crate) fn supports_order_2(&self, mesh: &TetMesh) -> bool {
+    /// and no cage: the scene sets it, or nothing excludes it and there are at most `most` tets.
+    pub(crate) fn supports_order_2(&self, mesh: &TetMesh, most: usize) -> bool {
         if self.material.order == Some(OrderChoice::Exactly(ElementOrder::Quadratic)) {
             return true;
+        }
+        if mesh.element_count() > most {
+            return false;
         }
         let mut plain = self.clone();
         plain.cage = None;

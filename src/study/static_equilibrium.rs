@@ -17,7 +17,7 @@ const STEP: f64 = 100.0;
 const MAX_STEPS: u32 = 100;
 
 /// Returns the material models to compare: names, and materials of Young's modulus `young` (Pa).
-pub fn materials(young: f64) -> Vec<(String, Material)> {
+pub(super) fn materials(young: f64) -> Vec<(String, Material)> {
     use ElementOrder::{Linear, Quadratic};
     use MaterialModel::{Corotated, NeoHookean};
     use VolumetricFormulation::{NodalAveraged, PerTet};
@@ -53,7 +53,7 @@ pub fn materials(young: f64) -> Vec<(String, Material)> {
 ///
 /// # Errors
 /// As [`TetMesh::with_mid_edge_nodes`].
-pub fn mesh_of_order(mesh: TetMesh, order: ElementOrder) -> Result<TetMesh> {
+pub(super) fn mesh_of_order(mesh: TetMesh, order: ElementOrder) -> Result<TetMesh> {
     match order {
         ElementOrder::Linear => Ok(mesh),
         ElementOrder::Quadratic => mesh.with_mid_edge_nodes(),
@@ -61,7 +61,7 @@ pub fn mesh_of_order(mesh: TetMesh, order: ElementOrder) -> Result<TetMesh> {
 }
 
 /// Returns Poisson's ratio of `material`; spring networks have ¼.
-pub fn poisson(material: &Material) -> f64 {
+pub(super) fn poisson(material: &Material) -> f64 {
     match material.model {
         MaterialModel::Springs => 0.25,
         _ => material.poisson,
@@ -70,7 +70,7 @@ pub fn poisson(material: &Material) -> f64 {
 
 /// How close to its equilibrium a body comes.
 #[derive(Clone, Copy, Debug)]
-pub struct Convergence {
+pub(super) struct Convergence {
     /// Stopping criteria of each step.
     pub settings: CgSettings,
     /// Motion in the last step, relative to the displacement.
@@ -82,7 +82,7 @@ impl Convergence {
     pub fn exact() -> Convergence {
         Convergence {
             settings: ReferenceMotion::converged_scheme(SolverKind::Implicit).1,
-            change: 1e-7,
+            change: 1e-6,
         }
     }
 }
@@ -92,7 +92,7 @@ impl Convergence {
 ///
 /// # Errors
 /// An error if the engine fails; [`Error::Input`] if the body does not come to rest.
-pub fn at_rest(
+pub(super) fn at_rest(
     gpu: &Gpu,
     mesh: &TetMesh,
     material: &Material,

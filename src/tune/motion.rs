@@ -24,6 +24,9 @@ const TOLERANCES: [f64; 2] = [0.1, 0.01];
 const MAX_EXPLICIT_TETS: f64 = 32.0;
 /// Approximate element evaluations per step.
 const EVALUATIONS: f64 = 3.0;
+/// Largest mesh for which order 2 is tried unless the scene sets it: the reference, which needs more
+/// steps than any candidate, then takes minutes.
+const MAX_QUADRATIC_TETS: usize = 10_000;
 /// Solver tolerance of the reference.
 const REFERENCE_TOLERANCE: f64 = 1e-4;
 /// Minimum RMS displacement that counts as motion, relative to the body size.
@@ -102,7 +105,10 @@ impl<'a> MotionSearch<'a> {
             let is_middle = mesh.mid_edge_nodes();
             corners.retain(|v| !is_middle[*v]);
         }
-        let bodies = bodies(corners.len(), scene.supports_order_2(&mesh));
+        let bodies = bodies(
+            corners.len(),
+            scene.supports_order_2(&mesh, MAX_QUADRATIC_TETS),
+        );
         let mut points = Vec::new();
         for (body, order) in &bodies {
             for count in &counts {

@@ -3,7 +3,7 @@
 use super::block::Block;
 use crate::generate::{self, Split};
 use crate::gpu::Gpu;
-use crate::mesh::{ElementOrder, PIECES, TetMesh};
+use crate::mesh::{ElementOrder, TetMesh};
 use crate::physics::{
     Capability, CgSettings, Material, MaterialModel, Simulator, VolumetricFormulation,
 };
@@ -238,12 +238,8 @@ impl Problem {
                 mesh.tets.len()
             )));
         }
-        let pieces = match material.order {
-            ElementOrder::Linear => 1,
-            ElementOrder::Quadratic => PIECES,
-        };
         Ok(Solution {
-            tets: mesh.tets.len() / pieces,
+            tets: mesh.element_count(),
             unknowns: 3 * (mesh.nodes.len() - held.len()),
             value,
             seconds,
