@@ -43,8 +43,8 @@ pub struct MaterialEntry {
     /// locking as ν approaches ½.
     pub volume: Option<VolumetricFormulation>,
     /// Order of finite elements: 1 (linear tets), 2 (quadratic tets, each with ten nodes), which need
-    /// far fewer tets for the same error, or `auto`; default: 1, and for a single press `auto`. Of ten-node tets in a file, order 1 uses the corners and
-    /// order 2 the mid-edge nodes, too.
+    /// far fewer tets for the same error, or `auto`; default: 1, and for a single press `auto`. Of
+    /// ten-node tets in a file, order 1 uses the corners and order 2 the mid-edge nodes, too.
     pub order: Option<OrderChoice>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
     pub stiffness: Option<f64>,
