@@ -82,7 +82,7 @@ impl Convergence {
     pub fn exact() -> Convergence {
         Convergence {
             settings: ReferenceMotion::converged_scheme(SolverKind::Implicit).1,
-            change: 1e-6,
+            change: 1e-7,
         }
     }
 }

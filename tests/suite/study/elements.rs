@@ -39,7 +39,7 @@ fn quadratic_tets_are_closer_with_fewer_unknowns() {
             let [fine, coarse] = [fine, coarse].map(|r| number(r, "error").abs());
             println!("{problem}, {element}: {fine}, quadratic {coarse}");
             assert!(
-                coarse < 0.5 * fine,
+                coarse < 0.6 * fine,
                 "{problem}, {element}: {coarse}, {fine}"
             );
             // Finer is closer.
