@@ -18,8 +18,8 @@ const SCENE: &str = include_str!("../../data/scenes/limb.toml");
 const TRANSFER: &str = include_str!("../../data/limb.json");
 /// Frame rate of the animation, 1/s.
 const FPS: f64 = 16.0;
-/// Factor by which the pressed limb has fewer tets, and their minimum number.
-const PRESS_COARSENING: usize = 4;
+/// Factor by which the pressed limb, of quadratic tets, has fewer tets, and their minimum number.
+const PRESS_COARSENING: usize = 16;
 const MIN_PRESS_TETS: usize = 2_000;
 
 /// Arguments of `demo`.

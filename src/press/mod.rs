@@ -142,7 +142,7 @@ impl Press {
         let fixed = motion.simulator.loads().pinned().iter();
         let fixed_nodes = fixed.filter(|pinned| **pinned).count();
         let mut session = PressSession::new(setup, motion);
-        session.touch_site(motion, &boundary, site)?;
+        session.touch_site(motion, &Boundary::at_rest(motion), site)?;
         let notes = stage.notes().iter().cloned().chain(session.notes());
         Ok(Press {
             poisson: session.poisson().unwrap_or(untouched),

@@ -3,7 +3,7 @@
 use super::PressOptions;
 use crate::mesh::{TetMesh, Topology, TriangleBvh, bounds};
 use crate::render::{Ray, ReferenceRaycaster};
-use crate::scene::Stage;
+use crate::scene::{Motion, Stage};
 use crate::{Error, Result};
 use glam::{DVec2, DVec3};
 
@@ -47,6 +47,13 @@ pub(super) struct Boundary {
 }
 
 impl Boundary {
+    /// The boundary of the simulated body at rest; that of quadratic tets has four faces for each face
+    /// of its mesh.
+    pub fn at_rest(motion: &Motion) -> Boundary {
+        let (mesh, topology) = (motion.simulator.mesh(), motion.simulator.topology());
+        Boundary::new(mesh, topology, &mesh.nodes)
+    }
+
     /// The boundary of the body of `mesh`, deformed to the node positions `x`.
     pub fn new(mesh: &TetMesh, topology: &Topology, x: &[DVec3]) -> Boundary {
         let corners = |b| topology.boundary_nodes(mesh, b).map(|v| x[v as usize]);

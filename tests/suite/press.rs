@@ -5,7 +5,8 @@ use glam::DVec3;
 use palpate::Error;
 use palpate::mesh::ElementOrder;
 use palpate::press::{
-    InteractiveStage, MapOptions, MapPoint, PointResult, Press, PressMap, PressOptions, PressSample,
+    InteractiveStage, MapOptions, MapPoint, PointResult, Press, PressMap, PressOptions,
+    PressReport, PressSample,
 };
 use palpate::scene::{OrderChoice, Scene};
 
@@ -98,6 +99,33 @@ fn presses_have_quadratic_tets_by_default() {
     for (force, expected) in [(fine, 1.5409), (automatic, 1.9840), (linear, 3.3715)] {
         assert!((force / expected - 1.0).abs() < 0.01, "{force} {expected}");
     }
+}
+
+/// Quadratic tets are pieces in the simulated mesh, whose faces and tissues count.
+#[test]
+fn press_of_quadratic_tets_has_its_tissue_and_faces() {
+    let text = "[mesh]\ngenerate = \"limb\"\ntets = 3000\n[material]\nyoung = 2e4\npoisson = 0.45\n[material.skin]\npoisson = 0.31\n";
+    let mut scene = Scene::parse(text).unwrap();
+    // Between the edges of the pieces, and those of the tets.
+    let wanted = PressOptions {
+        radius: Some(0.0085),
+        ..PressOptions::default()
+    };
+    let [linear, quadratic] = [ElementOrder::Linear, ElementOrder::Quadratic].map(|order| {
+        scene.material.order = Some(OrderChoice::Exactly(order));
+        Press::new(&gpu(), &scene, &wanted).unwrap().report(0.0)
+    });
+    for report in [&linear, &quadratic] {
+        assert_eq!(report.conditions.poisson, 0.31);
+    }
+    let is_coarse = |report: &PressReport| {
+        let mut warnings = report.warnings.iter();
+        warnings.any(|w| w.contains("smaller than the faces beneath it"))
+    };
+    assert!(
+        is_coarse(&linear) && !is_coarse(&quadratic),
+        "{quadratic:?}"
+    );
 }
 
 /// The automatic order is 1 where order 2 is not supported, or would take long, and a note says why.

@@ -19,7 +19,6 @@ const STEPS: u32 = 6;
 pub(super) struct Bench {
     pub setup: PressSetup,
     pub mesh: TetMesh,
-    pub boundary: Boundary,
     /// Press depth, in file units.
     pub depth: f64,
 }
@@ -32,6 +31,7 @@ impl Bench {
         let (motion, _) = Motion::new(gpu, scene, kind, self.mesh.clone(), None)?;
         let saved = Capability::Checkpoints.require(motion.simulator.checkpoint())?;
         Ok(Finger {
+            boundary: Boundary::at_rest(&motion),
             rest: saved.state()?,
             session: PressSession::new(self.setup.clone(), &motion),
             motion,
@@ -45,6 +45,8 @@ pub(super) struct Finger<'a> {
     motion: Motion,
     session: PressSession,
     rest: SimulatorState,
+    /// Boundary of the simulated body at rest.
+    boundary: Boundary,
     bench: &'a Bench,
 }
 
@@ -60,7 +62,7 @@ impl Finger<'_> {
             .require(saved)?
             .set_state(&self.rest)?;
         self.session
-            .touch_site(&mut self.motion, &self.bench.boundary, site)?;
+            .touch_site(&mut self.motion, &self.boundary, site)?;
         for step in 1..=STEPS {
             let goal = begin + (depth - begin) * f64::from(step) / f64::from(STEPS);
             match self.session.press_to(&mut self.motion, goal, "load") {

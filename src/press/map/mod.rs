@@ -198,7 +198,6 @@ impl PressMap {
             bench: Arc::new(Bench {
                 setup,
                 mesh,
-                boundary,
                 depth: found.depth,
             }),
             grid,
