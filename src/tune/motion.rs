@@ -144,17 +144,7 @@ impl<'a> MotionSearch<'a> {
             .map(|(_, order)| order)
             .collect();
         let second_order = motions.add_second_order(&counts, &orders);
-        // The last order is the highest.
-        let order = orders.last().copied().flatten();
-        let is_set = motions.scene.material.order == order.map(OrderChoice::Exactly);
-        match motions.find_truth(finest, (second_order, order)) {
-            Err(Error::Solver { .. } | Error::Input(_)) if orders.len() > 1 && !is_set => {
-                // Quadratic tets of a file may be folded, and soft ones invert where linear ones do not.
-                motions.points.retain(|point| point.order != order);
-                motions.find_truth(finest, (second_order, orders[0]))?;
-            }
-            found => found?,
-        }
+        motions.find_truth_of_highest_order(finest, (second_order, &orders))?;
         motions.add_explicit(MAX_EXPLICIT_TETS * f64::from(finest))?;
         Ok(motions)
     }
@@ -183,6 +173,25 @@ impl<'a> MotionSearch<'a> {
             }
         }
         found
+    }
+
+    /// Finds the reference by the last of `orders`, the highest. If quadratic tets cannot run and the
+    /// scene does not ask for them, drops their candidates and takes linear ones: those of a file may
+    /// be folded, and soft ones invert where linear ones do not.
+    fn find_truth_of_highest_order(
+        &mut self,
+        finest: u32,
+        (second_order, orders): (bool, &[Option<ElementOrder>]),
+    ) -> Result<()> {
+        let order = orders.last().copied().flatten();
+        let is_set = self.scene.material.order == order.map(OrderChoice::Exactly);
+        match self.find_truth(finest, (second_order, order)) {
+            Err(Error::Solver { .. } | Error::Input(_)) if orders.len() > 1 && !is_set => {
+                self.points.retain(|point| point.order != order);
+                self.find_truth(finest, (second_order, orders[0]))
+            }
+            found => found,
+        }
     }
 
     fn find_truth(
