@@ -6,7 +6,7 @@ use crate::gpu::Gpu;
 use crate::mesh::{ElementOrder, TET_EDGES, TetMesh};
 use crate::physics::SolverKind;
 use crate::progress::ProgressScope;
-use crate::scene::{Motion, Scene};
+use crate::scene::{Motion, OrderChoice, Scene};
 use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -65,8 +65,9 @@ pub struct MotionSearch<'a> {
 
 impl<'a> MotionSearch<'a> {
     /// Computes the reference for the first `seconds` of the motion of `scene`: with its own mesh
-    /// (as quadratic tets, if the body supports them), by implicit Euler (BDF2 for finite elements on the CPU) with an eighth and a sixteenth of
-    /// its time step, by Richardson extrapolation to zero.
+    /// (as quadratic tets, if the body supports them), by implicit Euler (BDF2 for finite elements
+    /// on the CPU) with an eighth and a sixteenth of its time step, by Richardson extrapolation to
+    /// zero.
     ///
     /// # Errors
     /// [`Error::Input`] for a grid body, a body that is cut, or no visible motion; otherwise as
@@ -143,9 +144,7 @@ impl<'a> MotionSearch<'a> {
             .map(|(_, order)| order)
             .collect();
         let second_order = motions.add_second_order(&counts, &orders);
-        // The last order is the highest.
-        let order = orders.last().copied().flatten();
-        motions.find_truth(finest, (second_order, order))?;
+        motions.find_truth_of_highest_order(finest, (second_order, &orders))?;
         motions.add_explicit(MAX_EXPLICIT_TETS * f64::from(finest))?;
         Ok(motions)
     }
@@ -174,6 +173,25 @@ impl<'a> MotionSearch<'a> {
             }
         }
         found
+    }
+
+    /// Finds the reference by the last of `orders`, the highest. If quadratic tets cannot run and the
+    /// scene does not ask for them, drops their candidates and takes linear ones: those of a file may
+    /// be folded, and soft ones invert where linear ones do not.
+    fn find_truth_of_highest_order(
+        &mut self,
+        finest: u32,
+        (second_order, orders): (bool, &[Option<ElementOrder>]),
+    ) -> Result<()> {
+        let order = orders.last().copied().flatten();
+        let is_set = self.scene.material.order == order.map(OrderChoice::Exactly);
+        match self.find_truth(finest, (second_order, order)) {
+            Err(Error::Solver { .. } | Error::Input(_)) if orders.len() > 1 && !is_set => {
+                self.points.retain(|point| point.order != order);
+                self.find_truth(finest, (second_order, orders[0]))
+            }
+            found => found,
+        }
     }
 
     fn find_truth(

@@ -32,7 +32,7 @@ const FIVE: [[usize; 4]; 5] = [
 ];
 
 impl Block {
-    /// Returns the block with `cells` (an even number, or 1) cells across half of the disc: a square
+    /// Returns the block with about `cells` cells across half of the disc: a square
     /// of cells in its middle, rings of cells around it, and layers. The nodes of the disc's edge lie
     /// on its circle.
     ///
