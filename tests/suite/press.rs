@@ -143,7 +143,7 @@ fn automatic_order_is_1_where_order_2_does_not_pay() {
         ("[mesh]\n", "more than the 30000"),
     ] {
         let tets = if more.starts_with("[mesh]") {
-            31_000
+            40_000
         } else {
             900
         };
