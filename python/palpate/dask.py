@@ -178,7 +178,7 @@ def sweep(
     if folder is not None:
         (folder / "cases").mkdir(parents=True, exist_ok=True)
     look = measure or report_of
-    content = "" if own.mesh is None else hashlib.sha256(own.mesh._native.to_bytes()).hexdigest()
+    content = "" if own.mesh is None else _mesh_hash(own.mesh)
     results: list[Measured | None] = [None] * len(given)
     futures = {}
 
@@ -494,6 +494,11 @@ def _as_completed(futures: Iterable[Any]) -> Iterable[Any]:
 
     completed: Iterable[Any] = as_completed(list(futures))
     return completed
+
+
+def _mesh_hash(mesh: Mesh) -> str:
+    order, content = mesh._native.to_bytes()
+    return hashlib.sha256(content + bytes([order])).hexdigest()
 
 
 def _mark(*parts: Any) -> str:
