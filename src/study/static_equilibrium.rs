@@ -160,7 +160,7 @@ impl Cantilever {
     /// scaled to the full load.
     ///
     /// # Errors
-    /// As [`at_rest`].
+    /// An error if the engine fails; [`Error::Input`] if the body does not come to rest.
     pub fn measured_tip(&self, gpu: &Gpu, mesh: &TetMesh, material: &Material) -> Result<f64> {
         let slack = 1e-9 * self.length;
         let nodes = (0u32..).zip(&mesh.nodes);
