@@ -14,7 +14,7 @@ pub enum Split {
 }
 
 /// The five tets of an even cell; corner = x + 2y + 4z. An odd cell has x mirrored.
-const FIVE: [[usize; 4]; 5] = [
+pub(crate) const FIVE: [[usize; 4]; 5] = [
     [0, 3, 5, 6],
     [1, 0, 3, 5],
     [2, 0, 3, 6],

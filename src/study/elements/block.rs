@@ -1,6 +1,7 @@
 //! A cylindrical block whose mesh has a disc on its top.
 
 use crate::Result;
+use crate::generate::FIVE;
 use crate::mesh::{TetMesh, signed_volume};
 use glam::{DVec2, DVec3};
 
@@ -20,16 +21,6 @@ const CORE: f64 = 0.45;
 
 /// Ratio of the last layer of cells to the first, outwards from the disc and downwards.
 const GROWTH: f64 = 3.0;
-
-/// The corners of a hexahedron, by x + 2 y + 4 z, that form the tets of its division in five: of the
-/// even corners, and of each odd corner with its neighbours.
-const FIVE: [[usize; 4]; 5] = [
-    [0, 3, 5, 6],
-    [1, 0, 3, 5],
-    [2, 0, 3, 6],
-    [4, 0, 5, 6],
-    [7, 3, 5, 6],
-];
 
 impl Block {
     /// Returns the block with about `cells` cells across half of the disc: a square

@@ -209,6 +209,7 @@ fn iterations_do_not_grow_with_the_mesh() {
     ] {
         let [coarse, fine] =
             [[8, 4, 4], [16, 8, 8]].map(|cells| iterations(cells, poisson, core, rigid));
+        println!("ν {poisson}, core {core:?}, rigid {rigid}: {coarse}, {fine} iterations");
         assert!(
             coarse.max(fine) <= most && fine <= coarse + 2,
             "ν {poisson}, core {core:?}, rigid {rigid}: {coarse}, then {fine} iterations"
