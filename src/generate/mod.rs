@@ -26,7 +26,9 @@ pub use biceps::biceps;
 pub use breast::breast;
 pub use duct::{Bore, duct};
 pub use foot::{foot, foot_bones};
-pub(crate) use grid::{FIVE, Grid, grid};
+#[cfg(feature = "study")]
+pub(crate) use grid::FIVE;
+pub(crate) use grid::{Grid, grid};
 pub use grid::{Split, box_mesh};
 pub use limb::{TISSUES, Tissue, limb};
 pub use liver::liver;
