@@ -3,6 +3,7 @@
 use super::Scene;
 use super::simulator::SimulatorSetup;
 use crate::gpu::Gpu;
+use crate::physics::grid::GridShape;
 use crate::physics::{Engine, EngineChoice, SolverKind};
 use crate::{Error, Result};
 
@@ -23,14 +24,14 @@ impl SimulatorSetup {
     }
 
     /// Checks that the engine resolves the deformation under the loads at rest; moves a body whose
-    /// engine was chosen automatically to the CPU, with a note.
+    /// engine was chosen automatically to the CPU, with a note. `grid` is the shape of a grid body.
     ///
     /// # Errors
     /// [`Error::Input`] if it does not.
     pub(super) fn with_resolved_loads(
         self,
         gpu: &Gpu,
-        scene: &Scene,
+        (scene, grid): (&Scene, Option<GridShape>),
         kind: SolverKind,
         notes: &mut Vec<String>,
     ) -> Result<SimulatorSetup> {
@@ -45,13 +46,13 @@ impl SimulatorSetup {
             "the stiffness of the body makes displacements too small for the single precision of the engine {engine} (estimated rounding error: {error:.2} of the loads)"
         );
         let chosen = scene.solver.engine.unwrap_or_default();
-        if chosen != EngineChoice::Auto || self.simulator.model().is_none() {
+        if chosen != EngineChoice::Auto || (self.simulator.model().is_none() && grid.is_none()) {
             return Err(Error::Input(format!("{what}; use --engine cpu")));
         }
         let mut moved = scene.clone();
         moved.solver.engine = Some(EngineChoice::Exactly(Engine::Cpu));
         let mesh = self.simulator.mesh().clone();
-        let (setup, others) = SimulatorSetup::new(gpu, &moved, kind, mesh, None)?;
+        let (setup, others) = SimulatorSetup::new(gpu, &moved, kind, mesh, grid)?;
         *notes = others;
         notes.push(format!("{what}; it runs on the engine cpu"));
         Ok(setup)

@@ -91,6 +91,7 @@ impl SimulatorSetup {
                 "{entry} requires a simulated tetrahedral body; remove [grid] and [cage]"
             )));
         }
+        let grid = shape.clone();
         let mut setup = match (shape, &scene.cage) {
             (Some(_), Some(_)) => {
                 return Err(Error::Input(
@@ -116,7 +117,7 @@ impl SimulatorSetup {
         let allow = scene.solver.allow_inversion;
         let allow = allow.unwrap_or(setup.automatic_load);
         setup.simulator.set_inversion_allowed(allow);
-        let setup = setup.with_resolved_loads(gpu, scene, kind, &mut notes)?;
+        let setup = setup.with_resolved_loads(gpu, (scene, grid), kind, &mut notes)?;
         Ok((setup, notes))
     }
 }

@@ -592,3 +592,24 @@ fn grabs_cuts_and_skins_reject_invalid_entries() {
     );
     assert!(stage.cut(&blade(0.0)).is_err());
 }
+
+/// Without loads nothing can be too small for single precision, whatever the rounding errors at the
+/// supports.
+#[test]
+fn grids_without_loads_run_on_the_gpu() {
+    let text = |gravity: f64| {
+        format!(
+            "[mesh]\ngenerate = \"ball\"\n[material]\nyoung = 1e4\n[grid]\nnodes = 1500\n[solver]\nname = \"verlet\"\nengine = \"gpu\"\ngravity = [0, 0, {gravity:e}]\n[[pin]]\naxis = \"z\"\nbelow = 0.2"
+        )
+    };
+    let stage = |gravity| Stage::new(&gpu(), &Scene::parse(&text(gravity)).unwrap());
+    let mut unloaded = stage(0.0).unwrap();
+    unloaded.run(50, &mut |_| {}).unwrap();
+    let moved = unloaded.motion().unwrap().report().unwrap();
+    assert!(moved.max_displacement < 1e-6 * moved.extent, "{moved:?}");
+    // A load below the rounding error is refused.
+    let Err(palpate::Error::Input(why)) = stage(-1e-5) else {
+        panic!("accepted");
+    };
+    assert!(why.contains("single precision"), "{why}");
+}

@@ -23,6 +23,8 @@ const NEGLIGIBLE_MOVEMENT: f64 = 1e-16;
 pub struct ForceBalance {
     /// Net forces on the free nodes.
     pub residual: f64,
+    /// Loads.
+    pub loads: f64,
     /// Loads, or the reactions of the supports if these are larger.
     pub scale: f64,
     /// Rounding error of the net forces at the precision of the engine's displacements.
@@ -38,9 +40,9 @@ pub struct ForceBalance {
 impl ForceBalance {
     /// Returns an estimate of the relative error of displacements due to rounding. Errors of
     /// different nodes are independent and the loads are not, so that it falls with the root of
-    /// their number; 0 without loads.
+    /// their number; 0 without loads (reactions of a body at rest are rounding errors themselves).
     pub fn rounding_error(&self) -> f64 {
-        match self.scale > 0.0 {
+        match self.loads > 0.0 {
             true => self.rounding / (self.scale * (self.nodes.max(1) as f64).sqrt()),
             false => 0.0,
         }
@@ -102,7 +104,8 @@ impl ForceSums {
     /// Adds another body.
     pub fn add_body(&mut self, other: ForceBalance) {
         self.residual += other.residual * other.residual;
-        self.loads += other.scale * other.scale;
+        self.loads += other.loads * other.loads;
+        self.reactions += other.scale * other.scale;
         self.rounding += other.rounding * other.rounding;
         self.negligible += other.negligible * other.negligible;
         self.nodes += other.nodes;
@@ -113,6 +116,7 @@ impl ForceSums {
     pub fn balance(&self) -> ForceBalance {
         ForceBalance {
             residual: self.residual.sqrt(),
+            loads: self.loads.sqrt(),
             scale: self.loads.max(self.reactions).sqrt(),
             rounding: self.rounding.sqrt(),
             negligible: self.negligible.sqrt(),
