@@ -19,6 +19,19 @@ pub(crate) fn quadrature_point(point: usize) -> [f64; 4] {
     std::array::from_fn(|a| if a == point { alpha } else { beta })
 }
 
+/// Returns the shape functions at the barycentric coordinates `l`: of the corners, then of the middles
+/// of edges.
+pub(super) fn shape_functions(l: [f64; 4]) -> [f64; NODES] {
+    let mut values = [0.0; NODES];
+    for (value, l) in values.iter_mut().zip(l) {
+        *value = l * (2.0 * l - 1.0);
+    }
+    for (value, [a, b]) in values[4..].iter_mut().zip(TET_EDGES) {
+        *value = 4.0 * l[a] * l[b];
+    }
+    values
+}
+
 /// Returns dN/dL: for each shape function its derivative by each barycentric coordinate at `l`.
 pub(crate) fn shape_derivatives(l: [f64; 4]) -> [[f64; 4]; NODES] {
     let mut derivatives = [[0.0; 4]; NODES];
