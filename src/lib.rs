@@ -8,6 +8,7 @@
 //! Data flows one way: file → [`mesh::TetMesh`] → body (textures on the GPU) → solver step →
 //! refresh of normals and gradients → raycast → image. `ARCHITECTURE.md` gives an overview.
 
+pub mod accuracy;
 pub mod annotate;
 #[cfg(feature = "study")]
 pub mod bench;

@@ -23,6 +23,32 @@ pub fn rounded(x: f64, digits: usize) -> String {
     }
 }
 
+/// Formats a number and its error, with the digits that the error leaves: one of the error, or two if
+/// the first is 1. The error is rounded up.
+pub(crate) fn with_error(x: f64, error: f64) -> [String; 2] {
+    let error = error.abs();
+    if !(x.is_finite() && error.is_finite() && error > 0.0) {
+        return [significant(x), significant(error)];
+    }
+    let first = error.log10().floor();
+    let digit = if error < 2.0 * 10f64.powf(first) {
+        first - 1.0
+    } else {
+        first
+    };
+    let place = 10f64.powf(digit);
+    // The tolerance keeps an error that is exact up to rounding.
+    let up = (error / place - 1e-9).ceil() * place;
+    let near = (x / place).round() * place;
+    match digit < 0.0 && digit > -7.0 {
+        true => {
+            let decimals = -digit as usize;
+            [format!("{near:.decimals$}"), format!("{up:.decimals$}")]
+        }
+        false => [significant(near), significant(up)],
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -41,5 +67,21 @@ mod tests {
             assert_eq!(significant(x), text);
         }
         assert_eq!(rounded(0.0123456, 4), "0.01235");
+    }
+
+    #[test]
+    fn digits_beyond_the_error_are_not_printed() {
+        for (x, error, text) in [
+            (0.262417, 0.0057, ["0.262", "0.006"]),
+            (0.262417, 0.0121, ["0.262", "0.013"]),
+            (0.262417, 0.2, ["0.3", "0.2"]),
+            (12345.6, 321.0, ["12300", "400"]),
+            (12345.6, 1210.0, ["12300", "1300"]),
+            (-5.0, 0.5, ["-5.0", "0.5"]),
+            (1.5, 0.0, ["1.5", "0"]),
+            (1.5, f64::NAN, ["1.5", "NaN"]),
+        ] {
+            assert_eq!(with_error(x, error), text.map(str::to_owned), "{x} {error}");
+        }
     }
 }

@@ -33,9 +33,11 @@ class Press:
         loading: whether the fingertip was advancing.
         depth: indentation relative to first contact with the body at rest, m.
         force: contact force on the fingertip, directed out of the body, N.
-        report: ``stiffness_n_per_m, hertz_young_pa, max_force_n, max_depth_m, radius_m, poisson,
-            engine, seconds, warnings``. Stiffness and modulus are None if there are warnings: the press
-            did not measure the elastic response of the body.
+        force_error: error of the force, N; None without an estimate.
+        report: ``stiffness_n_per_m, hertz_young_pa, max_force_n``, their errors
+            ``stiffness_error_n_per_m, hertz_young_error_pa, max_force_error_n`` with ``error_parts``,
+            ``max_depth_m, radius_m, poisson, engine, seconds, warnings``. Stiffness and modulus are None
+            if there are warnings: the press did not measure the elastic response of the body.
         point: press point, in the mesh's unit.
         rest: picture of the body at rest, shape (height, width, 4).
         pressed: picture at maximum depth, clipped through the press point.
@@ -48,6 +50,7 @@ class Press:
     loading: npt.NDArray[np.bool_]
     depth: Numbers
     force: Numbers
+    force_error: Numbers | None
     report: dict[str, Any]
     point: tuple[float, float, float]
     rest: Picture
@@ -64,9 +67,11 @@ class Press:
         for name, picture in [("rest", self.rest), ("pressed", self.pressed)]:
             _palpate.write_png(fspath(folder / f"{name}.png"), picture)
         phases = ["load" if loading else "unload" for loading in self.loading]
-        rows = zip(self.time.tolist(), phases, self.depth.tolist(), self.force.tolist())
-        lines = [f"{t},{phase},{depth},{force}" for t, phase, depth, force in rows]
-        _replace(folder / "press.csv", "\n".join(["time_s,phase,depth_m,force_n", *lines, ""]))
+        errors = [""] * len(phases) if self.force_error is None else self.force_error.tolist()
+        rows = zip(self.time.tolist(), phases, self.depth.tolist(), self.force.tolist(), errors)
+        lines = [",".join(str(value) for value in row) for row in rows]
+        header = "time_s,phase,depth_m,force_n,force_error_n"
+        _replace(folder / "press.csv", "\n".join([header, *lines, ""]))
         _replace(folder / "press.json", json.dumps(self.report, indent=2) + "\n")
         self.deformed.write(folder / "pressed.vtu")
 
@@ -81,6 +86,7 @@ def press(
     force: float | None = None,
     size: Sequence[int] | None = None,
     engine: str | None = None,
+    errors: bool = True,
     adapter: str | None = None,
     progress: Progress | None = None,
 ) -> Press:
@@ -96,6 +102,7 @@ def press(
         force: press until this contact force is reached instead, N.
         size: width and height of the pictures, in pixels.
         engine: engine of the time steps: ``gpu``, ``cpu`` or ``auto``.
+        errors: whether to estimate the errors of the numbers, which takes about as long as the press.
         adapter: graphics adapter.
         progress: called with the completed fraction of steps. Ctrl-C, or an exception it raises,
             cancels the press.
@@ -142,6 +149,9 @@ def press(
     notes = native.notes()
     if native.falls_short():
         notes.append("the force was not reached within half of the thickness")
+    if errors and failure is None:
+        native.estimate_error(progress)
+    force_error = native.force_errors()
     report = json.loads(native.report(seconds))
     notes += report["warnings"]
     return Press(
@@ -149,6 +159,7 @@ def press(
         loading=np.array([s[1] == "load" for s in samples], dtype=np.bool_),
         depth=np.array([s[2] for s in samples]),
         force=np.array([s[3] for s in samples]),
+        force_error=None if force_error is None else np.array(force_error),
         report=report,
         point=native.spot()[0],
         rest=rest,

@@ -99,6 +99,20 @@ impl Press {
         self.with(py, |press| Ok(press.force_not_reached()))
     }
 
+    /// Estimates the errors of the measured numbers, for the report. Ctrl-C cancels it.
+    fn estimate_error(&self, py: Python<'_>, progress: Option<Py<PyAny>>) -> PyResult<()> {
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        LongTask::new(progress).run(py, |progress| lock().estimate_error(progress))
+    }
+
+    /// Returns the error of the force of each sample, N; none without an estimate.
+    fn force_errors(&self, py: Python<'_>) -> PyResult<Option<Vec<f64>>> {
+        self.with(py, |press| {
+            let errors = press.samples().iter().map(|s| press.force_error(s));
+            Ok(errors.collect())
+        })
+    }
+
     fn report(&self, py: Python<'_>, seconds: f64) -> PyResult<String> {
         let report = self.with(py, |press| Ok(press.report(seconds)))?;
         serde_json::to_string(&report).map_err(|e| input_error(py, e.to_string()))

@@ -36,6 +36,10 @@ def test_press_matches_command_line(tmp_path: Path, run) -> None:
         own = list(csv.DictReader(file))
     assert [r["phase"] for r in own] == [r["phase"] for r in rows]
     assert [float(r["force_n"]) for r in own] == [float(r["force_n"]) for r in rows]
+    assert [float(r["force_error_n"]) for r in own] == [float(r["force_error_n"]) for r in rows]
+    assert found.force_error is not None
+    assert found.report["max_force_error_n"] == found.force_error.max() > 0
+    assert found.report["error_parts"]["max_force_n"]["mesh"] > 0
     with pytest.raises(RuntimeError, match="enough"):
         palpate.press(ball, size=(32, 24), progress=stop)
     with pytest.raises(palpate.InputError):

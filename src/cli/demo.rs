@@ -86,7 +86,7 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     std::fs::create_dir_all(&pressed).map_err(Error::io(&pressed))?;
     scene.mesh.tets = Some((arguments.tets / PRESS_COARSENING).max(MIN_PRESS_TETS));
     print_notes(&["pressing on the forearm with a fingertip".into()]);
-    let report = super::press::press(gpu, &scene, &PressOptions::default(), &pressed)?;
+    let report = super::press::press(gpu, &scene, &PressOptions::default(), (&pressed, true))?;
     if arguments.json {
         print_json(&json!({
             "adapter": gpu.adapter_name(),

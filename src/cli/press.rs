@@ -4,10 +4,11 @@ use super::flags::{SceneFlags, Triple, triple};
 use super::{Outcome, press_map, print_json, progress};
 use clap::Args;
 use glam::{DVec2, DVec3};
+use palpate::accuracy::ErrorParts;
 use palpate::gpu::Gpu;
 use palpate::io::{PvdSeries, atomic_write};
 use palpate::number_format::significant;
-use palpate::press::{MapOptions, Press, PressOptions, PressReport, PressSample};
+use palpate::press::{MapOptions, Press, PressOptions, PressReport};
 use palpate::render::{Animation, Background};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
@@ -48,6 +49,9 @@ pub struct PressArguments {
     /// interrupted map
     #[arg(long, value_name = "NxM", value_parser = super::flags::size, conflicts_with_all = ["at", "pick", "force"])]
     map: Option<[u32; 2]>,
+    /// Leave out the error estimate, which takes about as long as the press itself
+    #[arg(long, conflicts_with = "map")]
+    no_error: bool,
     /// Also print the content of press.json or map.json on standard output
     #[arg(long)]
     json: bool,
@@ -93,7 +97,7 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
         depth: arguments.depth,
         force: arguments.force,
     };
-    let report = press(gpu, &scene, &wanted, out)?;
+    let report = press(gpu, &scene, &wanted, (out, !arguments.no_error))?;
     if arguments.json {
         print_json(&report)?;
     }
@@ -101,12 +105,12 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
 }
 
 /// Presses on the body of `scene` and writes images, an animation, a series and the measurements to
-/// `out`, which exists. Long because it writes each output of a press in turn.
+/// `out`, which exists; with an estimate of their errors if asked for. Long because it writes each output of a press in turn.
 pub fn press(
     gpu: &Gpu,
     scene: &Scene,
     wanted: &PressOptions,
-    out: &Path,
+    (out, with_errors): (&Path, bool),
 ) -> anyhow::Result<PressReport> {
     let mut press = progress::with_message("preparing", || Press::new(gpu, scene, wanted))?;
     super::print_notes(press.notes());
@@ -154,14 +158,18 @@ pub fn press(
         }
     })?;
     film.finish()?;
+    if with_errors && ended.is_none() {
+        progress::with_stages(|progress| press.estimate_error(progress))?;
+    }
+    save_error(out, &mut press)?;
     let report = press.report(seconds);
-    write_samples(&out.join("press.csv"), press.samples())?;
+    write_samples(&out.join("press.csv"), &press)?;
     atomic_write(out.join("press.json"), |file| {
         let text = serde_json::to_string_pretty(&report);
         let text = text.map_err(|e| Error::Input(format!("press.json: {e}")))?;
         writeln!(file, "{text}").map_err(Error::io(out))
     })?;
-    draw_chart(out, press.samples(), &report)?;
+    draw_chart(out, &press, &report)?;
     if let Some(why) = ended {
         anyhow::bail!(
             "the press failed at a depth of {} mm: {why}; the measurements so far are in {}",
@@ -186,49 +194,90 @@ pub fn press(
     Ok(report)
 }
 
-/// Prints the measurements, and the names of the files.
+/// Writes a picture and a mesh of the places where the mesh is too coarse, if the error is known.
+fn save_error(out: &Path, press: &mut Press) -> Result<()> {
+    let Some(mesh) = press.error_mesh()? else {
+        return Ok(());
+    };
+    super::print_notes(&palpate::io::write(out.join("error.vtu"), &mesh)?);
+    match press.error_image()? {
+        Some(image) => image.save(out.join("error.png")),
+        None => Ok(()),
+    }
+}
+
+/// Prints the measurements with their errors, and the names of the files.
 fn print_result(out: &Path, report: &PressReport, seconds: f64) {
+    let errors = report.error_parts.as_ref();
     let stiffness = match (report.stiffness_n_per_m, report.hertz_young_pa) {
         (Some(stiffness), Some(young)) => format!(
-            "stiffness {} N/m; Hertz half-space Young's modulus {} Pa",
-            significant(stiffness),
-            significant(young)
+            "stiffness {}; Hertz half-space Young's modulus {}",
+            measured(stiffness, errors.map(|e| &e.stiffness_n_per_m), "N/m"),
+            measured(young, errors.map(|e| &e.hertz_young_pa), "Pa")
         ),
         _ => "no stiffness, because the press is not valid (above)".into(),
     };
+    let force = measured(report.max_force_n, errors.map(|e| &e.max_force_n), "N");
+    let parts = errors.map(|e| format!(" ({})", e.max_force_n.in_words()));
     super::print_notes(&[
         format!(
-            "{} N at {} mm; {stiffness}; {seconds:.1} s",
-            significant(report.max_force_n),
+            "{force}{} at {} mm; {stiffness}; {seconds:.1} s",
+            parts.unwrap_or_default(),
             significant(1e3 * report.max_depth_m)
         ),
         format!(
-            "wrote {0}/rest.png, {0}/pressed.png, {0}/press.gif, {0}/press.csv, {0}/press.svg, {0}/press.json, and {0}/press.pvd for ParaView",
-            out.display()
+            "wrote {0}/rest.png, {0}/pressed.png, {0}/press.gif, {0}/press.csv, {0}/press.svg, {0}/press.json, and {0}/press.pvd for ParaView{1}",
+            out.display(),
+            match errors {
+                Some(_) => "; error.png and error.vtu show where the mesh is too coarse",
+                None => "",
+            }
         ),
     ]);
+    if let Some(why) = &report.no_error_because {
+        super::print_notes(&[format!("no error estimate: {why}")]);
+    }
 }
 
-fn write_samples(path: &Path, samples: &[PressSample]) -> Result<()> {
+/// Formats a measurement with its error, if it is known.
+fn measured(x: f64, error: Option<&ErrorParts>, unit: &str) -> String {
+    match error {
+        Some(error) => error.around(x, unit),
+        None => format!("{} {unit}", significant(x)),
+    }
+}
+
+/// Writes the curve; the last column is empty without an error estimate.
+fn write_samples(path: &Path, press: &Press) -> Result<()> {
     atomic_write(path, |file| {
-        let mut text = String::from("time_s,phase,depth_m,force_n\n");
-        for s in samples {
-            text += &format!("{},{},{},{}\n", s.time_s, s.phase, s.depth_m, s.force_n);
+        let mut text = String::from("time_s,phase,depth_m,force_n,force_error_n\n");
+        for s in press.samples() {
+            let error = press.force_error(s).map(|error| error.to_string());
+            text += &format!(
+                "{},{},{},{},{}\n",
+                s.time_s,
+                s.phase,
+                s.depth_m,
+                s.force_n,
+                error.unwrap_or_default()
+            );
         }
         file.write_all(text.as_bytes()).map_err(Error::io(path))
     })
 }
 
-/// Draws force against depth, with the Hertz solution.
+/// Draws force against depth with its error, and the Hertz solution.
 #[cfg(feature = "study")]
-fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Result<()> {
+fn draw_chart(out: &Path, press: &Press, report: &PressReport) -> Result<()> {
     use palpate::study::{Axis, Chart, Series, SeriesStyle};
+    let samples = press.samples();
     let of = |phase: &str| {
         let own = samples.iter().filter(|s| s.phase == phase);
         let points = own.map(|s| [1e3 * s.depth_m, s.force_n]);
         points.collect::<Vec<_>>()
     };
     let conditions = &report.conditions;
+    let errors = report.error_parts.as_ref();
     let over = 1.0 - conditions.poisson * conditions.poisson;
     let hertz = report.hertz_young_pa.map(|young| {
         let of = |k: u32| {
@@ -237,7 +286,10 @@ fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Resu
             [1e3 * depth, force]
         };
         Series::new(
-            format!("Hertz, {} Pa", significant(young)),
+            format!(
+                "Hertz, {}",
+                measured(young, errors.map(|e| &e.hertz_young_pa), "Pa")
+            ),
             SeriesStyle::Dashed,
             (0..=40).map(of).collect(),
         )
@@ -252,13 +304,30 @@ fn draw_chart(out: &Path, samples: &[PressSample], report: &PressReport) -> Resu
         ]
         .into_iter()
         .chain(hertz)
+        .chain(error_band(press))
         .collect(),
     };
     chart.save(out, "press")
 }
 
+/// Returns the band of the error around the loading curve, if the error is known.
+#[cfg(feature = "study")]
+fn error_band(press: &Press) -> Option<palpate::study::Series> {
+    let load = press.samples().iter();
+    let load = load.filter(|s| s.phase == "load" && s.depth_m >= 0.0);
+    let errors: Option<Vec<_>> = load.map(|s| Some((s, press.force_error(s)?))).collect();
+    let errors = errors?;
+    let at = |sign: f64| {
+        let points = errors.iter();
+        points.map(move |(s, error)| [1e3 * s.depth_m, s.force_n + sign * error])
+    };
+    let outline = at(1.0).chain(at(-1.0).rev()).collect();
+    let style = palpate::study::SeriesStyle::Band;
+    Some(palpate::study::Series::new("error", style, outline))
+}
+
 /// Charts need the feature `study`.
 #[cfg(not(feature = "study"))]
-fn draw_chart(_: &Path, _: &[PressSample], _: &PressReport) -> Result<()> {
+fn draw_chart(_: &Path, _: &Press, _: &PressReport) -> Result<()> {
     Ok(())
 }

@@ -6,11 +6,12 @@ use super::mesh::write_report;
 use super::{Outcome, print_json, progress};
 use clap::Args;
 use glam::DVec2;
+use palpate::accuracy::RestErrors;
 use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
-use palpate::scene::{PlannedRun, Stage};
+use palpate::scene::{PlannedRun, Stage, StageReport};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -160,7 +161,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     let measure = &arguments.measure;
     if measure.repeat.is_some() || measure.report.is_some() || measure.json {
         let frames = measure.repeat.unwrap_or(1);
-        let report = progress::with_message("measuring", || stage.measure(frames))?;
+        let report = self::measure(&mut stage, frames)?;
         if measure.json {
             print_json(&report)?;
         }
@@ -169,13 +170,45 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
             None if measure.json => {}
             None => super::print_notes(&[format!(
                 "{:.2} ms per frame, {:.2} ms per step on {}",
-                report.frame_ms,
-                report.step_ms.unwrap_or(0.0),
-                report.adapter
+                report.report.frame_ms,
+                report.report.step_ms.unwrap_or(0.0),
+                report.report.adapter
             )]),
         }
     }
     Ok(Outcome::Done)
+}
+
+/// The content of `--report`.
+#[derive(serde::Serialize)]
+struct ReportWithErrors {
+    #[serde(flatten)]
+    report: StageReport,
+    /// Estimated errors of a body at rest.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    errors: Option<RestErrors>,
+    /// Why there are none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    no_errors_because: Option<String>,
+}
+
+/// Measures `frames` frames, and estimates the errors of a body at rest.
+fn measure(stage: &mut Stage, frames: u32) -> palpate::Result<ReportWithErrors> {
+    let is_simulated = stage.motion().is_some();
+    let estimated = match is_simulated {
+        true => progress::with_stages(|progress| RestErrors::estimate(stage, progress))?,
+        false => Err(String::new()),
+    };
+    let report = progress::with_message("measuring", || stage.measure(frames))?;
+    let (errors, why) = match estimated {
+        Ok(errors) => (Some(errors), None),
+        Err(why) => (None, Some(why).filter(|_| is_simulated)),
+    };
+    Ok(ReportWithErrors {
+        report,
+        errors,
+        no_errors_because: why,
+    })
 }
 
 /// Renders an animation with the camera orbiting the body.

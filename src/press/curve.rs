@@ -1,5 +1,6 @@
 //! Force–depth curve of a press, and the stiffness and modulus fitted to it.
 
+use super::error::PressError;
 use serde::Serialize;
 
 /// Stiffness is fitted where the depth is at least this fraction of the maximum.
@@ -31,6 +32,17 @@ pub struct PressReport {
     pub hertz_young_pa: Option<f64>,
     /// Maximum force.
     pub max_force_n: f64,
+    /// Error of `max_force_n`, which is within it in most cases (`docs/accuracy.md`); `None` without an
+    /// estimate.
+    pub max_force_error_n: Option<f64>,
+    /// Error of `stiffness_n_per_m`.
+    pub stiffness_error_n_per_m: Option<f64>,
+    /// Error of `hertz_young_pa`.
+    pub hertz_young_error_pa: Option<f64>,
+    /// Parts of these errors.
+    pub error_parts: Option<PressError>,
+    /// Why there is no estimate of the errors, if so.
+    pub no_error_because: Option<String>,
     /// Maximum depth.
     pub max_depth_m: f64,
     /// Where and how the press was made.
@@ -112,6 +124,11 @@ pub(super) fn report(
         stiffness_n_per_m: valid.then(|| slope(&deeper)),
         hertz_young_pa: valid.then_some(young),
         max_force_n: max_force,
+        max_force_error_n: None,
+        stiffness_error_n_per_m: None,
+        hertz_young_error_pa: None,
+        error_parts: None,
+        no_error_because: None,
         max_depth_m: max_depth,
         conditions,
         seconds,

@@ -5,6 +5,7 @@
 //! damping are negligible. The mesh is taken as the shape under gravity, so no gravity is applied.
 
 mod curve;
+mod error;
 mod interactive;
 mod map;
 mod session;
@@ -22,15 +23,18 @@ pub use site::PressSite;
 pub(crate) use validity::curve_warnings;
 pub use validity::in_pieces;
 
+use crate::accuracy::ErrorParts;
 use crate::gpu::Gpu;
-use crate::mesh::Topology;
+use crate::mesh::{Field, Location, TetMesh, Topology};
 use crate::number_format::significant;
-use crate::render::{Plane, Sections};
+use crate::render::{Image, Plane, Sections};
 use crate::scene::{Scene, Stage};
-use crate::{Error, Result, no_progress};
+use crate::{Error, ProgressFn, Result, no_progress};
+use error::{ErrorEstimator, LoadedState, LoadedStates, PressError};
 use glam::{DVec2, DVec3};
 use session::INITIAL_CLEARANCE;
 use site::Boundary;
+use std::time::Instant;
 
 /// Loading steps; as many unloading steps follow.
 const STEPS: u32 = 16;
@@ -41,6 +45,9 @@ const MAX_DEPTH: f64 = 0.5;
 const FIRST_APPROACH_FRACTION: f64 = 0.6;
 /// Fraction of the target force that counts as reached.
 const FORCE_TOLERANCE: f64 = 0.99;
+/// Name of the field of errors, and its colours.
+const ERROR_FIELD: &str = "error";
+const ERROR_COLOURS: &str = "viridis";
 /// Minimum cosine between the view direction and the normal of the clip plane.
 const MIN_VIEW_COSINE: f64 = 0.35;
 
@@ -101,7 +108,11 @@ pub struct Press {
     inversion_depth: Option<f64>,
     /// Why the press ended early, if so.
     ended: Option<String>,
+    /// The states that the error estimate starts from, and the estimate, or why there is none.
+    states: LoadedStates,
+    error: Option<std::result::Result<PressError, String>>,
     notes: Vec<String>,
+    gpu: Gpu,
 }
 
 impl Press {
@@ -112,9 +123,18 @@ impl Press {
     /// [`Error::Input`] for a scene of several bodies, a grid or a cage, a point far from the body,
     /// or invalid numbers; otherwise as [`Stage::new`].
     pub fn new(gpu: &Gpu, scene: &Scene, wanted: &PressOptions) -> Result<Press> {
-        wanted.check()?;
         let scene = &setup::with_default_order(scene);
         let mesh = scene.load_simulated_mesh(&no_progress)?;
+        Press::with_mesh(gpu, (scene, mesh), wanted)
+    }
+
+    /// As [`Press::new`], with the mesh of the scene.
+    pub(crate) fn with_mesh(
+        gpu: &Gpu,
+        (scene, mesh): (&Scene, TetMesh),
+        wanted: &PressOptions,
+    ) -> Result<Press> {
+        wanted.check()?;
         let setup = PressSetup::on_table(scene, &mesh, wanted.radius)?;
         let mut still = setup.scene.clone();
         still.solver.name = None;
@@ -156,6 +176,9 @@ impl Press {
             left: None,
             inversion_depth: None,
             ended: None,
+            states: LoadedStates::default(),
+            error: None,
+            gpu: gpu.clone(),
         })
     }
 
@@ -226,6 +249,13 @@ impl Press {
         let Some(sample) = self.session.press_to(motion, goal, phase)? else {
             return Ok(self.end_at_inversion());
         };
+        if phase == "load" {
+            self.states.push(LoadedState {
+                depth: goal,
+                force: sample.force_n,
+                positions: motion.positions()?,
+            });
+        }
         let deep = goal >= self.depth
             || self
                 .force
@@ -311,11 +341,134 @@ impl Press {
                 .is_some_and(|force| most < FORCE_TOLERANCE * force)
     }
 
+    /// Estimates the errors of the measured numbers, for [`Press::report`]: solves the deepest state,
+    /// and one of half of its depth, again in a finer space. Takes about as long as the press. A
+    /// press that is not valid, or a body whose error cannot be estimated, has no estimate, and the
+    /// report says why.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`], and errors of the device.
+    pub fn estimate_error(&mut self, progress: ProgressFn) -> Result<()> {
+        let start = Instant::now();
+        if !self.warnings().is_empty() {
+            self.error = Some(Err("the press is not valid, because of the warnings".into()));
+            return Ok(());
+        }
+        let motion = self.stage.motion().ok_or_else(session::static_body)?;
+        let conditions = self.conditions();
+        let estimator = self.estimator(&conditions);
+        self.error = match estimator.run(&self.gpu, (motion, &self.states), progress) {
+            Ok(found) => found.map(|mut error| {
+                error.seconds = start.elapsed().as_secs_f64();
+                Ok(error)
+            }),
+            Err(Error::Input(why)) => Some(Err(why)),
+            Err(Error::Solver { what, .. }) => Some(Err(format!(
+                "the finer body has no equilibrium near the pressed one ({what}); press less deep (--depth), or on a finer mesh (--tets)"
+            ))),
+            Err(other) => return Err(other),
+        };
+        Ok(())
+    }
+
+    /// Returns the pressed body at its largest depth with the field `error`, if
+    /// [`Press::estimate_error`] found it: the share of each tet in the mesh's error of the largest
+    /// force, %. Where it is high, the mesh is too coarse.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the field does not fit the mesh.
+    pub fn error_mesh(&self) -> Result<Option<TetMesh>> {
+        let (Some(Ok(error)), Some(positions)) = (&self.error, self.states.deepest_positions())
+        else {
+            return Ok(None);
+        };
+        let mut mesh = self.stage.mesh().clone();
+        mesh.nodes = positions.to_vec();
+        let shares = error.tet_shares.clone();
+        mesh.set_field(Field::scalar(ERROR_FIELD, Location::Cell, shares))?;
+        Ok(Some(mesh))
+    }
+
+    /// Returns a picture of [`Press::error_mesh`], seen as the press.
+    ///
+    /// # Errors
+    /// As [`Stage::image`].
+    pub fn error_image(&mut self) -> Result<Option<Image>> {
+        let Some(mesh) = self.error_mesh()? else {
+            return Ok(None);
+        };
+        let mut scene = self.session.setup().scene.clone();
+        scene.solver.name = None;
+        scene.tool.clear();
+        scene.picture.field = Some(ERROR_FIELD.into());
+        scene.picture.transfer = Some(ERROR_COLOURS.into());
+        let mut picture = Stage::with_mesh(&self.gpu, &scene, mesh)?;
+        *picture.camera_mut() = *self.stage.camera_mut();
+        picture.set_sections(self.stage.inside())?;
+        picture.image().map(Some)
+    }
+
+    /// Returns the largest force in each of `levels` spaces, each finer than the one before, N: the
+    /// first is that of the error estimate.
+    ///
+    /// # Errors
+    /// As a simulation step.
+    #[cfg(feature = "study")]
+    pub(crate) fn finer_forces(&self, levels: usize) -> Result<Vec<f64>> {
+        let motion = self.stage.motion().ok_or_else(session::static_body)?;
+        let conditions = self.conditions();
+        self.estimator(&conditions)
+            .finer_forces(&self.gpu, (motion, &self.states), levels)
+    }
+
+    /// Returns the force in the deepest state, N.
+    #[cfg(feature = "study")]
+    pub(crate) fn deepest_force(&self) -> f64 {
+        self.states.deepest_force()
+    }
+
+    fn estimator<'a>(&'a self, conditions: &'a PressConditions) -> ErrorEstimator<'a> {
+        ErrorEstimator {
+            session: &self.session,
+            samples: self.session.samples(),
+            conditions,
+        }
+    }
+
+    /// Returns the error of the force of a sample, N, if [`Press::estimate_error`] found it.
+    pub fn force_error(&self, sample: &PressSample) -> Option<f64> {
+        let error = self.error.as_ref()?.as_ref().ok()?;
+        Some(error.of_sample(sample))
+    }
+
     /// Returns the result after `seconds` of computing time.
     pub fn report(&self, seconds: f64) -> PressReport {
+        let conditions = self.conditions();
+        let mut report = curve::report(self.samples(), conditions, seconds, self.warnings());
+        let total = |parts: &ErrorParts| Some(parts.total());
+        match &self.error {
+            Some(Ok(error)) => {
+                report.warnings.extend(error.warning(report.max_force_n));
+                if report.warnings.is_empty() {
+                    report.stiffness_error_n_per_m = total(&error.stiffness_n_per_m);
+                    report.hertz_young_error_pa = total(&error.hertz_young_pa);
+                } else {
+                    report.stiffness_n_per_m = None;
+                    report.hertz_young_pa = None;
+                }
+                report.max_force_error_n = total(&error.max_force_n);
+                report.error_parts = Some(error.clone());
+            }
+            Some(Err(why)) => report.no_error_because = Some(why.clone()),
+            None => {}
+        }
+        report
+    }
+
+    fn conditions(&self) -> PressConditions {
         let engine = self.stage.motion().map(|m| m.engine().to_string());
         let unit = self.session.unit();
-        let conditions = PressConditions {
+        PressConditions {
             at: self.site.point.to_array(),
             direction: (-self.site.outward).to_array(),
             length_unit_m: unit,
@@ -329,8 +482,7 @@ impl Press {
                 .map(|table| table.report(self.fixed_nodes)),
             poisson: self.poisson,
             engine: engine.unwrap_or_default(),
-        };
-        curve::report(self.samples(), conditions, seconds, self.warnings())
+        }
     }
 
     /// Returns why the press does not measure the elastic response of the body, one sentence each

@@ -5,7 +5,7 @@ use super::curve::PressSample;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::validity::{ContactProblem, body_warnings, contact_problem};
-use crate::physics::DiscreteModel;
+use crate::accuracy::quasi_static_step;
 use crate::scene::{Motion, Stage};
 use crate::{Error, FailureCause, Result};
 use glam::DVec3;
@@ -14,11 +14,6 @@ use glam::DVec3;
 pub(super) const INITIAL_CLEARANCE: f64 = 0.02;
 /// Largest number of steps into which a step that would invert tets is split.
 const MAX_SUBSTEPS: u32 = 16;
-/// Time step over the time in which a shear wave crosses the body: inertia is negligible even for
-/// slender bodies, whose lowest frequencies are far below the inverse of that time.
-const STEP_IN_CROSSINGS: f64 = 1e4;
-/// Time step of a body of unknown stiffness, s.
-const STEP: f64 = 100.0;
 /// Largest advance and withdrawal of an interactive press in a step, relative to the radius.
 const MAX_ADVANCE: f64 = 0.06;
 const MAX_WITHDRAWAL: f64 = 8.0 * MAX_ADVANCE;
@@ -275,6 +270,16 @@ impl PressSession {
         self.contact.as_ref().map(|contact| contact.depth)
     }
 
+    /// Returns the number of the fingertip among the tools, and its position at a depth, both in file
+    /// units.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without a placed fingertip.
+    pub(super) fn fingertip_at(&self, depth: f64) -> Result<(usize, DVec3)> {
+        let contact = self.contact.as_ref().ok_or_else(not_placed)?;
+        Ok((self.setup.tool, contact.place(depth)))
+    }
+
     /// Returns Poisson's ratio of the tissue at the site, if it is known.
     pub fn poisson(&self) -> Option<f64> {
         self.contact.as_ref().and_then(|contact| contact.poisson)
@@ -310,13 +315,6 @@ impl Contact {
     fn place(&self, depth: f64) -> DVec3 {
         self.site.point + (self.touch - depth) * self.site.outward
     }
-}
-
-/// Returns the time step of `motion` at which inertia and damping are negligible, s.
-fn quasi_static_step(motion: &Motion) -> f64 {
-    let model = motion.simulator.model();
-    let crossing = model.and_then(DiscreteModel::wave_crossing_time);
-    crossing.map_or(STEP, |time| STEP_IN_CROSSINGS * time)
 }
 
 /// Returns Poisson's ratio of a tet at small strain; `None` for springs and rigid regions.

@@ -88,7 +88,7 @@ impl Motion {
     }
 
     /// Returns the reaction of the body on each tool by name: kinematic tools, then dynamic ones.
-    pub(super) fn tool_reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
+    pub(crate) fn tool_reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
         let contact = self.simulator.contact();
         let tool_forces = contact.map_or(Ok(Vec::new()), |contact| contact.tool_forces())?;
         let names = self
@@ -190,6 +190,13 @@ impl Motion {
                 .apply(self.simulator.as_mut(), now, dt)?;
         }
         Ok(())
+    }
+
+    /// Whether no load depends on time, nothing is grabbed, and no tool moves freely.
+    pub(crate) fn has_constant_loads(&self) -> bool {
+        self.attachments.is_empty()
+            && !self.time_dependent_loads.is_time_dependent()
+            && self.dynamic_tools.is_empty()
     }
 
     /// Whether the body sleeps: time advances without simulation until the body is disturbed. It

@@ -38,6 +38,8 @@ pub enum SeriesStyle {
     LineMarks,
     /// A ring around each point, to highlight it.
     Rings,
+    /// The area within the points, translucent: an error.
+    Band,
 }
 
 /// A data series.
@@ -179,6 +181,10 @@ impl Drawable for Chart {
                     let style = colour.stroke_width(4);
                     chart.draw_series(DashedLineSeries::new(points.clone(), 14, 10, style))?;
                 }
+                SeriesStyle::Band => {
+                    let area = Polygon::new(points.clone(), band(i));
+                    chart.draw_series([area])?;
+                }
                 SeriesStyle::Marks | SeriesStyle::Rings => {}
             }
             match series.look {
@@ -192,7 +198,7 @@ impl Drawable for Chart {
                     let ring = BLACK.stroke_width(4);
                     chart.draw_series(points.iter().map(|p| Circle::new(*p, 18, ring)))?;
                 }
-                SeriesStyle::Line | SeriesStyle::Dashed => {}
+                SeriesStyle::Line | SeriesStyle::Dashed | SeriesStyle::Band => {}
             }
         }
         let keys = self.series.iter().enumerate();
@@ -223,6 +229,10 @@ pub(super) fn draw_legend_entry<B: DrawingBackend>(
                 legend.draw(&PathElement::new(dash, stroke))?;
             }
         }
+        SeriesStyle::Band => {
+            let corners = [(at.0 - 32, at.1 - 14), (at.0 + 32, at.1 + 14)];
+            legend.draw(&Rectangle::new(corners, band(i)))?;
+        }
         SeriesStyle::Marks | SeriesStyle::Rings => {}
     }
     match series.look {
@@ -230,7 +240,7 @@ pub(super) fn draw_legend_entry<B: DrawingBackend>(
             legend.draw(&(EmptyElement::at(at) + mark(i, (0, 0))))?;
         }
         SeriesStyle::Rings => legend.draw(&Circle::new(at, 18, BLACK.stroke_width(4)))?,
-        SeriesStyle::Line | SeriesStyle::Dashed => {}
+        SeriesStyle::Line | SeriesStyle::Dashed | SeriesStyle::Band => {}
     }
     draw_label(legend, &series.name, at)
 }
@@ -250,6 +260,11 @@ pub(super) fn draw_label<B: DrawingBackend>(
 
 pub(super) fn colour(i: usize) -> RGBColor {
     COLOURS[i % COLOURS.len()]
+}
+
+/// Returns the style of the area of the `i`th series.
+fn band(i: usize) -> ShapeStyle {
+    colour(i).mix(0.25).filled()
 }
 
 /// Returns the marker of the `i`th series: shapes differ as well as colours.

@@ -2,6 +2,7 @@
 //! tests share one device. `cargo test --test suite render::` runs those of one module.
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod accuracy;
 mod annotate;
 mod architecture;
 mod cage;

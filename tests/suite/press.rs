@@ -11,7 +11,7 @@ use palpate::press::{
 use palpate::scene::{OrderChoice, Scene};
 
 /// A block of linear tets.
-fn block(more: &str) -> Scene {
+pub fn block(more: &str) -> Scene {
     let text = format!(
         "[mesh]\ngenerate = \"box\"\ntets = 900\n[material]\nyoung = 2e4\npoisson = 0.3\norder = 1\n{more}"
     );
@@ -19,7 +19,7 @@ fn block(more: &str) -> Scene {
 }
 
 /// A fingertip larger than the faces of the block.
-fn finger() -> PressOptions {
+pub fn finger() -> PressOptions {
     PressOptions {
         radius: Some(0.025),
         ..PressOptions::default()
@@ -27,7 +27,7 @@ fn finger() -> PressOptions {
 }
 
 /// Returns all samples of an indentation.
-fn pressed(scene: &Scene, wanted: &PressOptions) -> Press {
+pub fn pressed(scene: &Scene, wanted: &PressOptions) -> Press {
     let mut press = Press::new(&gpu(), scene, wanted).unwrap();
     while press.advance().unwrap().is_some() {}
     press

@@ -599,10 +599,15 @@ fn grabs_cuts_and_skins_reject_invalid_entries() {
 fn grids_without_loads_run_on_the_gpu() {
     let text = |gravity: f64| {
         format!(
-            "[mesh]\ngenerate = \"ball\"\n[material]\nyoung = 1e4\n[grid]\nnodes = 1500\n[solver]\nname = \"verlet\"\nengine = \"gpu\"\ngravity = [0, 0, {gravity:e}]\n[[pin]]\naxis = \"z\"\nbelow = 0.2"
+            "[mesh]\nfile = '{BALL}'\nunit = \"m\"\n[material]\nyoung = 1e4\n[grid]\nnodes = 1500\n[solver]\nname = \"verlet\"\nengine = \"gpu\"\ngravity = [0, 0, {gravity:e}]\n[[pin]]\naxis = \"z\"\nbelow = 0.2"
         )
     };
-    let stage = |gravity| Stage::new(&gpu(), &Scene::parse(&text(gravity)).unwrap());
+    let stage = |gravity| {
+        Stage::new(
+            &crate::support::gpu(),
+            &Scene::parse(&text(gravity)).unwrap(),
+        )
+    };
     let mut unloaded = stage(0.0).unwrap();
     unloaded.run(50, &mut |_| {}).unwrap();
     let moved = unloaded.motion().unwrap().report().unwrap();

@@ -105,4 +105,9 @@ impl Stage {
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
+
+    /// Returns the device, and the scene as it was given.
+    pub(crate) fn origin(&self) -> (&Gpu, &Scene) {
+        (&self.gpu, &self.scene)
+    }
 }
