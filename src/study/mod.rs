@@ -21,6 +21,7 @@ pub(crate) mod scan;
 mod stability;
 mod state_map;
 pub mod static_equilibrium;
+mod trust;
 
 pub use axis::Axis;
 pub use bodies::hold_one_end;
@@ -49,6 +50,11 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
         "elements",
         "Error of linear and quadratic tets in static equilibrium, against tets, unknowns and time",
         elements::run,
+    ),
+    (
+        "trust",
+        "Estimated errors of presses, sags and twists compared with true ones",
+        trust::run,
     ),
     (
         "stability",

@@ -7,3 +7,4 @@ mod pictures;
 mod scaling;
 mod scan;
 mod stability;
+mod trust;
