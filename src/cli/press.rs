@@ -49,7 +49,7 @@ pub struct PressArguments {
     /// interrupted map
     #[arg(long, value_name = "NxM", value_parser = super::flags::size, conflicts_with_all = ["at", "pick", "force"])]
     map: Option<[u32; 2]>,
-    /// Leave out the error estimate, which takes about as long as the press itself
+    /// Leave out the error estimate, which takes about twice as long as the press itself
     #[arg(long, conflicts_with = "map")]
     no_error: bool,
     /// Also print the content of press.json or map.json on standard output
