@@ -34,7 +34,7 @@ use error::{ErrorEstimator, LoadedState, LoadedStates, PressError};
 use glam::{DVec2, DVec3};
 use session::INITIAL_CLEARANCE;
 use site::Boundary;
-use std::time::Instant;
+use web_time::Instant;
 
 /// Loading steps; as many unloading steps follow.
 const STEPS: u32 = 16;
