@@ -1,15 +1,15 @@
-//! A body in the finer space of another one, at rest in the same configuration.
+//! A body at rest, and the body in its finer space in the same configuration.
 
 use crate::gpu::Gpu;
 use crate::mesh::{ElementOrder, FinerSpace, PIECES, TetMesh};
 use crate::parallel;
 use crate::physics::{DiscreteModel, Engine, EngineChoice, SolverKind};
-use crate::scene::{Motion, OrderChoice, Scene};
+use crate::scene::{Motion, NamedPins, OrderChoice, Scene};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
 /// Change of a number between two solutions, relative to it, up to which it counts as settled.
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 1e-3;
 /// Tolerance of equilibria without contact: steps in motion are solved less accurately.
 pub(crate) const EQUILIBRIUM_TOLERANCE: f64 = 1e-4;
 /// Largest number of solutions.
@@ -20,6 +20,18 @@ const MAX_SOLUTIONS: u32 = 5;
 const STEP_IN_CROSSINGS: f64 = 1e4;
 /// Time step of a body of unknown stiffness, s.
 const STEP: f64 = 100.0;
+
+/// What a body of a scene is at rest, without its simulator: from it, bodies in the same
+/// configuration are created, on any thread.
+#[derive(Clone, Debug)]
+pub(crate) struct RestBody {
+    scene: Scene,
+    mesh: TetMesh,
+    fixed: Vec<bool>,
+    pins: Vec<NamedPins>,
+    /// Time step at which inertia is negligible, s.
+    pub quasi_static_step: f64,
+}
 
 /// A body whose space contains that of another body of the same scene.
 pub(crate) struct FinerBody {
@@ -37,48 +49,94 @@ pub(crate) struct Settled {
     pub changes: Vec<f64>,
 }
 
-impl FinerBody {
-    /// Creates the finer body of the body of `motion`, which simulates `scene`. It is fixed where that
-    /// body is.
+impl RestBody {
+    /// Returns the body of `motion`, which simulates `scene`.
     ///
     /// # Errors
-    /// [`Error::Input`] for bodies that are not finite elements on tets; otherwise as [`Motion::new`].
-    pub fn new(gpu: &Gpu, scene: &Scene, motion: &Motion) -> Result<FinerBody> {
-        let of_elements = motion
-            .simulator
-            .model()
-            .is_some_and(|m| m.elements().is_some());
-        if !of_elements || motion.simulator.coarse_body().is_some() {
+    /// [`Error::Input`] for bodies that are not finite elements on tets.
+    pub fn new(scene: &Scene, motion: &Motion) -> Result<RestBody> {
+        let simulator = motion.simulator.as_ref();
+        let of_elements = simulator.model().is_some_and(|m| m.elements().is_some());
+        if !of_elements || simulator.coarse_body().is_some() {
             return Err(Error::Input(
                 "errors are estimated for finite elements only; use --material neo-hookean (or corotated), without [cage] and [grid]"
                     .into(),
             ));
         }
-        let space = FinerSpace::new(motion.simulator.mesh())?;
-        let finer = copy_of(scene, ElementOrder::Quadratic);
-        let mut motion_of_finer = new_motion(gpu, &finer, space.mesh.clone())?;
-        let fixed = space.fixed_nodes(motion.simulator.loads().pinned());
-        let loads = motion_of_finer.simulator.loads_mut();
-        loads.unpin_all();
-        loads.pin_nodes(&fixed)?;
-        Ok(FinerBody {
-            motion: motion_of_finer,
-            space,
+        Ok(RestBody {
+            scene: scene.clone(),
+            mesh: simulator.mesh().clone(),
+            fixed: simulator.loads().pinned().to_vec(),
+            pins: motion.pins.clone(),
+            quasi_static_step: quasi_static_step(motion),
         })
     }
 
+    /// Returns the order of its elements.
+    pub fn order(&self) -> ElementOrder {
+        self.mesh.order
+    }
+
+    /// Returns its mesh.
+    pub fn mesh(&self) -> &TetMesh {
+        &self.mesh
+    }
+
+    /// Creates an equal body, which does not sleep.
+    ///
+    /// # Errors
+    /// As [`Motion::new`].
+    pub fn copy(&self, gpu: &Gpu) -> Result<Motion> {
+        let fixed = (0u32..).zip(&self.fixed).filter(|(_, is)| **is);
+        let fixed: Vec<u32> = fixed.map(|(v, _)| v).collect();
+        let scene = copy_of(&self.scene, self.mesh.order);
+        new_motion(gpu, &scene, self.mesh.clone(), (&fixed, self.pins.clone()))
+    }
+
+    /// Creates the body in the finer space, fixed where this body is.
+    ///
+    /// # Errors
+    /// As [`Motion::new`].
+    pub fn finer(&self, gpu: &Gpu) -> Result<FinerBody> {
+        let space = FinerSpace::new(&self.mesh)?;
+        let pins = self.pins.iter().map(|pin| {
+            let mut own = vec![false; self.mesh.nodes.len()];
+            pin.nodes.iter().for_each(|v| own[*v as usize] = true);
+            NamedPins {
+                name: pin.name.clone(),
+                nodes: space.fixed_nodes(&own),
+            }
+        });
+        let (fixed, pins) = (space.fixed_nodes(&self.fixed), pins.collect());
+        let scene = copy_of(&self.scene, ElementOrder::Quadratic);
+        let motion = new_motion(gpu, &scene, space.mesh.clone(), (&fixed, pins))?;
+        Ok(FinerBody { motion, space })
+    }
+}
+
+impl FinerBody {
     /// Returns the same positions at the nodes of the finer body.
     pub fn positions_from(&self, positions: &[DVec3]) -> Vec<DVec3> {
         self.space.interpolate(positions)
     }
 
-    /// Returns for each tet of the coarser mesh the elastic energy (J) of the difference between the
-    /// present configuration and `before`, the coarser solution at the nodes of the finer body, by
-    /// linear elasticity: its share of the error in energy. Tets of rigid regions have none.
+    /// Returns for each tet of the coarser mesh its share (%) of the elastic energy of the difference
+    /// between the present configuration and `before`, the coarser solution at the nodes of the finer
+    /// body: of the error in energy.
     ///
     /// # Errors
     /// Errors of reading the body back.
-    pub fn energies_of_difference(&self, before: &[DVec3]) -> Result<Vec<f64>> {
+    pub fn shares_of_difference(&self, before: &[DVec3]) -> Result<Vec<f64>> {
+        let mut shares = self.energies_of_difference(before)?;
+        let sum: f64 = shares.iter().sum();
+        let whole = if sum > 0.0 { sum } else { 1.0 };
+        shares.iter_mut().for_each(|share| *share *= 100.0 / whole);
+        Ok(shares)
+    }
+
+    /// Returns the energies of [`FinerBody::shares_of_difference`], J, by linear elasticity. Tets of
+    /// rigid regions have none.
+    fn energies_of_difference(&self, before: &[DVec3]) -> Result<Vec<f64>> {
         let (mesh, now) = (&self.space.mesh, self.motion.positions()?);
         let Some(elements) = self.motion.simulator.model().and_then(|m| m.elements()) else {
             return Ok(Vec::new());
@@ -119,22 +177,6 @@ pub(crate) fn quasi_static_step(motion: &Motion) -> f64 {
     crossing.map_or(STEP, |time| STEP_IN_CROSSINGS * time)
 }
 
-/// Creates a body equal to that of `motion`, which simulates `scene`, at rest.
-///
-/// # Errors
-/// As [`Motion::new`].
-pub(crate) fn copy_at_rest(gpu: &Gpu, scene: &Scene, motion: &Motion) -> Result<Motion> {
-    let mesh = motion.simulator.mesh().clone();
-    let pinned = motion.simulator.loads().pinned();
-    let fixed = (0u32..).zip(pinned).filter(|(_, is)| **is).map(|(v, _)| v);
-    let fixed: Vec<u32> = fixed.collect();
-    let mut copy = new_motion(gpu, &copy_of(scene, mesh.order), mesh)?;
-    let loads = copy.simulator.loads_mut();
-    loads.unpin_all();
-    loads.pin_nodes(&fixed)?;
-    Ok(copy)
-}
-
 /// Returns `scene` with elements of `order` on the CPU, whose equilibria are solved accurately. Steps
 /// with contact are by default.
 fn copy_of(scene: &Scene, order: ElementOrder) -> Scene {
@@ -150,9 +192,19 @@ fn copy_of(scene: &Scene, order: ElementOrder) -> Scene {
     copy
 }
 
-fn new_motion(gpu: &Gpu, scene: &Scene, mesh: TetMesh) -> Result<Motion> {
+/// Creates a body that is fixed at the nodes `fixed` only, among them `pins`.
+fn new_motion(
+    gpu: &Gpu,
+    scene: &Scene,
+    mesh: TetMesh,
+    (fixed, pins): (&[u32], Vec<NamedPins>),
+) -> Result<Motion> {
     let (mut motion, _) = Motion::new(gpu, scene, SolverKind::Implicit, mesh, None)?;
     motion.set_sleep_allowed(false);
+    motion.pins = pins;
+    let loads = motion.simulator.loads_mut();
+    loads.unpin_all();
+    loads.pin_nodes(fixed)?;
     Ok(motion)
 }
 

@@ -6,11 +6,13 @@
 //! elliptic partial differential equations"). The equilibrium there is found by Newton's method from
 //! the reported one, with contact and large strain, so that the estimate holds for any number.
 
+mod error_field;
 mod finer_body;
 mod rest;
 
-pub(crate) use finer_body::{FinerBody, copy_at_rest, quasi_static_step, settle};
-pub use rest::RestErrors;
+pub(crate) use error_field::{error_stage, with_error_field};
+pub(crate) use finer_body::{FinerBody, RestBody, quasi_static_step, settle};
+pub use rest::{ForceError, RestErrors};
 #[cfg(feature = "study")]
 pub(crate) use {finer_body::EQUILIBRIUM_TOLERANCE, rest::errors_at_rest};
 

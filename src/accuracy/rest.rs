@@ -1,6 +1,6 @@
 //! The errors of the numbers of a body at rest.
 
-use super::{ErrorParts, FinerBody, copy_at_rest, mesh_factor, quasi_static_step, settle};
+use super::{ErrorParts, RestBody, error_stage, mesh_factor, settle, with_error_field};
 use crate::gpu::Gpu;
 use crate::mesh::{TetMesh, signed_volume};
 use crate::progress::ProgressScope;
@@ -26,12 +26,26 @@ pub struct RestErrors {
     pub elastic_energy: ErrorParts,
     /// Parts of the error of the ratio of the volume to that at rest.
     pub volume_ratio: ErrorParts,
-    /// Parts of the error of the force on each tool: of its length, N.
-    pub tool_forces: Vec<ErrorParts>,
+    /// The force on each pin and tool.
+    pub forces: Vec<ForceError>,
     /// Number of elements of the finer space.
     pub finer_elements: usize,
     /// Computing time of the estimate, s.
     pub seconds: f64,
+    /// Share of each tet in the error in energy, %.
+    #[serde(skip)]
+    tet_shares: Vec<f64>,
+}
+
+/// The length of a reaction and its error.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ForceError {
+    /// Name of the pin or tool.
+    pub name: String,
+    /// Length of the force, N.
+    pub force_n: f64,
+    /// Parts of its error, N.
+    pub error_n: ErrorParts,
 }
 
 impl RestErrors {
@@ -64,6 +78,23 @@ impl RestErrors {
             Err(other) => Err(other),
         }
     }
+
+    /// Returns the body of `stage`, which has not moved since, with the field `error`: the share of
+    /// each tet in the error in energy, %. Where it is high, the mesh is too coarse.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for the stage of another body.
+    pub fn mesh(&self, stage: &Stage) -> Result<TetMesh> {
+        with_error_field(stage.deformed_mesh()?, &self.tet_shares)
+    }
+
+    /// Returns a static stage of [`RestErrors::mesh`], seen as `stage`.
+    ///
+    /// # Errors
+    /// As [`RestErrors::mesh`] and [`Stage::with_mesh`].
+    pub fn picture(&self, stage: &mut Stage) -> Result<Stage> {
+        error_stage(self.mesh(stage)?, stage)
+    }
 }
 
 /// Estimates the errors of the body of `motion`, which simulates `scene` and is at rest.
@@ -80,60 +111,92 @@ pub(crate) fn errors_at_rest(
     let report = |share: f64| ProgressScope::begin(progress, WHAT, share).map(drop);
     report(0.0)?;
     check_static(motion)?;
-    let rest = motion.simulator.mesh().nodes.clone();
+    let body = RestBody::new(scene, motion)?;
+    let dt = body.quasi_static_step;
+    let forces = motion.reactions().unwrap_or_default();
+    // Unknown at nodes of rigid regions.
+    let known = forces.iter().filter(|(_, on)| on.force.is_finite());
+    let numbers = Numbers {
+        rest: body.mesh().nodes.clone(),
+        names: known.map(|(name, _)| name.clone()).collect(),
+    };
     let positions = motion.positions()?;
-    let given = numbers(motion, &rest)?;
-    let dt = quasi_static_step(motion);
-    let mut finer = FinerBody::new(gpu, scene, motion)?;
-    let mut same = copy_at_rest(gpu, scene, motion)?;
+    let given = numbers.measure(motion)?;
+    let (mut finer, mut same) = (body.finer(gpu)?, body.copy(gpu)?);
     report(0.1)?;
-    let own = settle(&mut same, (&positions, dt), &mut |m| numbers(m, &rest))?;
+    let own = settle(&mut same, (&positions, dt), &mut |m| numbers.measure(m))?;
     report(0.2)?;
     let start_of_finer = finer.positions_from(&positions);
     let fine = settle(&mut finer.motion, (&start_of_finer, dt), &mut |m| {
-        numbers(m, &rest)
+        numbers.measure(m)
     })?;
     report(1.0)?;
-    let factor = mesh_factor(motion.simulator.mesh().order);
+    let factor = mesh_factor(body.order());
     let parts = |k: usize| ErrorParts {
         mesh: factor * (given[k] - fine.values[k]).abs(),
         time: (given[k] - own.values[k]).abs(),
         solver: own.changes[k] + fine.changes[k],
         contact: 0.0,
     };
+    let force = |(k, name): (usize, &String)| ForceError {
+        name: name.clone(),
+        force_n: given[k],
+        error_n: parts(k),
+    };
     Ok(RestErrors {
         max_displacement: parts(0),
         elastic_energy: parts(1),
         volume_ratio: parts(2),
-        tool_forces: (NUMBERS..given.len()).map(parts).collect(),
+        forces: (Numbers::OF_BODY..)
+            .zip(&numbers.names)
+            .map(force)
+            .collect(),
         finer_elements: finer.elements(),
         seconds: start.elapsed().as_secs_f64(),
+        tet_shares: finer.shares_of_difference(&start_of_finer)?,
     })
 }
 
-/// Number of [`numbers`] besides the forces on tools.
-const NUMBERS: usize = 3;
+/// The numbers of a body whose errors are estimated.
+struct Numbers {
+    /// Rest positions of the nodes of the coarser body.
+    rest: Vec<DVec3>,
+    /// Names of the pins and tools.
+    names: Vec<String>,
+}
 
-/// Returns the largest displacement of the first nodes, which are at `rest` without loads, the
-/// elastic energy, the volume ratio and the force on each tool.
-fn numbers(motion: &mut Motion, rest: &[DVec3]) -> Result<Vec<f64>> {
-    let x = motion.positions()?;
-    let moved = x.iter().zip(rest).map(|(x, rest)| x.distance(*rest));
-    let farthest = moved.fold(0.0, f64::max);
-    let energy = motion.report()?.energy.elastic;
-    let mesh: &TetMesh = motion.simulator.mesh();
-    let volume: f64 = mesh
-        .tets
-        .iter()
-        .map(|tet| signed_volume(tet.map(|v| x[v as usize])))
-        .sum();
-    let ratio = volume / mesh.volume();
-    let forces = motion.tool_reactions()?;
-    let forces = forces.iter().map(|(_, on)| on.force.length());
-    Ok([farthest, energy, ratio]
-        .into_iter()
-        .chain(forces)
-        .collect())
+impl Numbers {
+    /// How many there are besides the forces.
+    const OF_BODY: usize = 3;
+
+    /// Returns the largest displacement of the coarser body's nodes, the elastic energy, the volume
+    /// ratio and the length of each force.
+    fn measure(&self, motion: &mut Motion) -> Result<Vec<f64>> {
+        let x = motion.positions()?;
+        let moved = x.iter().zip(&self.rest).map(|(x, rest)| x.distance(*rest));
+        let farthest = moved.fold(0.0, f64::max);
+        let energy = motion.report()?.energy.elastic;
+        let mesh: &TetMesh = motion.simulator.mesh();
+        let volume: f64 = mesh
+            .tets
+            .iter()
+            .map(|tet| signed_volume(tet.map(|v| x[v as usize])))
+            .sum();
+        let ratio = volume / mesh.volume();
+        let forces = match self.names.is_empty() {
+            true => Vec::new(),
+            false => motion.reactions()?,
+        };
+        let length = |name: &String| {
+            let found = forces.iter().find(|(own, _)| own == name);
+            found.map_or(f64::NAN, |(_, on)| on.force.length())
+        };
+        let forces = self.names.iter().map(length);
+        Ok([farthest, energy, ratio]
+            .into_iter()
+            .chain(forces)
+            .collect())
+    }
 }
 
 /// Refuses bodies with loads that depend on time, or grabs.

@@ -11,7 +11,7 @@ use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
-use palpate::scene::{PlannedRun, Stage, StageReport};
+use palpate::scene::{ERROR_FIELD, PlannedRun, Scene, Stage, StageReport};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -112,6 +112,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
         steps: scene.solver.steps.unwrap_or(PlannedRun::DEFAULT_STEPS),
         draws_frames: false,
     });
+    let shows_error = take_error_field(&mut scene);
     let parts = last.filter(|frame| frame.single_file().is_none());
     let mut stage = progress::with_message("preparing", || match parts {
         None => Stage::new(gpu, &scene),
@@ -139,17 +140,34 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     if outcome.is_ok() {
         super::print_notes(&stage.end_notes()?);
     }
+    let errors = match shows_error && outcome.is_ok() {
+        true => Some(progress::with_stages(|progress| {
+            RestErrors::estimate(&mut stage, progress)
+        })?),
+        false => None,
+    };
+    let mut of_error = match &errors {
+        Some(Ok(errors)) => Some(errors.picture(&mut stage)?),
+        Some(Err(why)) => anyhow::bail!("no error to draw: {why}"),
+        None => None,
+    };
     // Rendered even if the simulation failed: its last valid state is informative.
     if let Some(out) = &arguments.out {
+        let stage = of_error.as_mut().unwrap_or(&mut stage);
         progress::with_message("drawing", || stage.save(out))?;
         let notes = stage.field_note().into_iter();
         super::print_notes(&notes.chain(stage.annotation_note(out)).collect::<Vec<_>>());
     }
     if film.is_requested() {
-        render_turntable(&mut stage, &film, arguments.frames)?;
+        let stage = of_error.as_mut().unwrap_or(&mut stage);
+        render_turntable(stage, &film, arguments.frames)?;
     }
     if let Some(path) = &arguments.mesh_out {
-        super::print_notes(&io::write(path, &stage.deformed_mesh()?)?);
+        let mesh = match &errors {
+            Some(Ok(errors)) => errors.mesh(&stage)?,
+            _ => stage.deformed_mesh()?,
+        };
+        super::print_notes(&io::write(path, &mesh)?);
     }
     if let (Err(_), Some(out)) = (&outcome, &arguments.out) {
         super::print_notes(&[format!("{} shows the last valid state", out.display())]);
@@ -161,7 +179,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     let measure = &arguments.measure;
     if measure.repeat.is_some() || measure.report.is_some() || measure.json {
         let frames = measure.repeat.unwrap_or(1);
-        let report = self::measure(&mut stage, frames)?;
+        let report = self::measure(&mut stage, (frames, errors))?;
         if measure.json {
             print_json(&report)?;
         }
@@ -192,12 +210,28 @@ struct ReportWithErrors {
     no_errors_because: Option<String>,
 }
 
-/// Measures `frames` frames, and estimates the errors of a body at rest.
-fn measure(stage: &mut Stage, frames: u32) -> palpate::Result<ReportWithErrors> {
+/// Removes the field `error` of a simulated body from the scene, and returns whether it was there.
+fn take_error_field(scene: &mut Scene) -> bool {
+    let field = &mut scene.picture.field;
+    let shows_error = scene.solver.name.is_some() && field.as_deref() == Some(ERROR_FIELD);
+    if shows_error {
+        *field = None;
+    }
+    shows_error
+}
+
+/// Measures `frames` frames, and estimates the errors of a body at rest unless they are known.
+fn measure(
+    stage: &mut Stage,
+    (frames, known): (u32, Option<Result<RestErrors, String>>),
+) -> palpate::Result<ReportWithErrors> {
     let is_simulated = stage.motion().is_some();
-    let estimated = match is_simulated {
-        true => progress::with_stages(|progress| RestErrors::estimate(stage, progress))?,
-        false => Err(String::new()),
+    let estimated = match known {
+        Some(known) => known,
+        None if is_simulated => {
+            progress::with_stages(|progress| RestErrors::estimate(stage, progress))?
+        }
+        None => Err(String::new()),
     };
     let report = progress::with_message("measuring", || stage.measure(frames))?;
     let (errors, why) = match estimated {

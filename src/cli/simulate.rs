@@ -6,6 +6,7 @@ use super::progress::ProgressReporter;
 use super::{Outcome, print_json, progress};
 use clap::Args;
 use glam::DVec3;
+use palpate::accuracy::{ForceError, RestErrors};
 use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, PvdSeries};
@@ -35,6 +36,9 @@ pub struct SimulateArguments {
     /// tools as CSV, one line each per frame
     #[arg(long, value_name = "FILE.csv")]
     reactions: Option<PathBuf>,
+    /// Do not estimate the errors of the reactions of a body at rest in the last frame
+    #[arg(long)]
+    no_error: bool,
     /// Resume an interrupted run in the same folder, or extend it by more frames
     #[arg(long, conflicts_with_all = ["film", "orbit"])]
     resume: bool,
@@ -122,6 +126,10 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     film?;
     let notes = stage.field_note().into_iter();
     super::print_notes(&notes.chain(stage.end_notes()?).collect::<Vec<_>>());
+    if let Some(log) = frames.reactions.as_mut().filter(|_| !arguments.no_error) {
+        let notes = estimate_errors(log, &mut stage)?;
+        super::print_notes(&notes);
+    }
     report(arguments, &stage, gpu, frames.times.len(), stage.time())?;
     Ok(Outcome::Done)
 }
@@ -227,6 +235,25 @@ fn start_reactions(
         false => ReactionLog::resume(path, times),
         true => ReactionLog::create(path),
     }
+}
+
+/// Estimates the errors of the reactions of a body at rest, and adds them to the last frame of `log`.
+/// Returns notes: the forces with their errors, or why there are none.
+fn estimate_errors(log: &mut ReactionLog, stage: &mut Stage) -> palpate::Result<Vec<String>> {
+    let found = progress::with_stages(|progress| RestErrors::estimate(stage, progress))?;
+    let errors = match found {
+        Ok(errors) => errors,
+        Err(why) => return Ok(vec![format!("no errors of the reactions: {why}")]),
+    };
+    let totals = errors.forces.iter();
+    let totals = totals.map(|force| (force.name.clone(), force.error_n.total()));
+    log.set_errors(&totals.collect::<Vec<_>>())?;
+    let note = |force: &ForceError| {
+        let parts = force.error_n.in_words();
+        let size = force.error_n.around(force.force_n, "N");
+        format!("force on {} at the end: {size} ({parts})", force.name)
+    };
+    Ok(errors.forces.iter().map(note).collect())
 }
 
 /// Reads the checkpoint of an earlier run, if there is one.

@@ -3,12 +3,13 @@
 
 use super::curve::{self, PressConditions, PressSample};
 use super::session::PressSession;
-use crate::accuracy::{ErrorParts, FinerBody, copy_at_rest, mesh_factor, settle};
+use crate::accuracy::{ErrorParts, FinerBody, RestBody, mesh_factor, settle};
 use crate::gpu::Gpu;
+use crate::mesh::{ElementOrder, PIECES};
 use crate::number_format::significant;
 use crate::progress::ProgressScope;
 use crate::scene::Motion;
-use crate::{ProgressFn, Result};
+use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -104,6 +105,89 @@ struct Correction {
     parts: ErrorParts,
 }
 
+/// The bodies in which states are solved again.
+struct ComparedBodies {
+    same: Motion,
+    finer: FinerBody,
+    /// Safety factor of the mesh part.
+    factor: f64,
+}
+
+impl ComparedBodies {
+    fn new(gpu: &Gpu, body: &RestBody) -> Result<ComparedBodies> {
+        Ok(ComparedBodies {
+            same: body.copy(gpu)?,
+            finer: body.finer(gpu)?,
+            factor: mesh_factor(body.order()),
+        })
+    }
+}
+
+/// The present state of an interactive press, whose error can be estimated on another thread.
+#[derive(Clone, Debug)]
+pub struct PressedState {
+    body: RestBody,
+    session: PressSession,
+    state: LoadedState,
+}
+
+impl PressedState {
+    /// Returns the state of the press of `session` on the body of `motion`, which is at rest at the
+    /// last sample.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without a press, or for a body whose error cannot be estimated; errors of
+    /// reading the body back.
+    pub fn new(session: &PressSession, motion: &Motion) -> Result<PressedState> {
+        let last = session.samples().last();
+        let (Some(last), Some(depth)) = (last, session.depth()) else {
+            return Err(super::session::not_placed());
+        };
+        if !session.setup().quasi_static {
+            return Err(Error::Input(
+                "the error of a press is estimated for quasi-static presses only".into(),
+            ));
+        }
+        Ok(PressedState {
+            body: RestBody::new(&session.setup().scene, motion)?,
+            session: session.clone(),
+            state: LoadedState {
+                depth,
+                force: last.force_n,
+                positions: motion.positions()?,
+            },
+        })
+    }
+
+    /// Returns the number of elements of the finer space, on which the computing time depends.
+    pub fn finer_elements(&self) -> usize {
+        let mesh = self.body.mesh();
+        match mesh.order {
+            ElementOrder::Linear => mesh.element_count(),
+            ElementOrder::Quadratic => PIECES * mesh.element_count(),
+        }
+    }
+
+    /// Estimates the parts of the error of the force, N.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`]; [`Error::Solver`] if the finer body has no equilibrium near this one.
+    pub fn force_error(&self, gpu: &Gpu, progress: ProgressFn) -> Result<ErrorParts> {
+        let report = |share: f64| ProgressScope::begin(progress, WHAT, share).map(drop);
+        report(0.0)?;
+        let estimator = ErrorEstimator {
+            session: &self.session,
+            samples: self.session.samples(),
+            conditions: &PressConditions::default(),
+        };
+        let mut bodies = ComparedBodies::new(gpu, &self.body)?;
+        report(0.2)?;
+        let slope = estimator.slope(&self.state);
+        let found = estimator.correct(&mut bodies, (&self.state, slope), &mut || report(0.4))?;
+        Ok(found.parts)
+    }
+}
+
 /// Solves the states of a press again.
 pub(super) struct ErrorEstimator<'a> {
     pub session: &'a PressSession,
@@ -112,8 +196,8 @@ pub(super) struct ErrorEstimator<'a> {
 }
 
 impl ErrorEstimator<'_> {
-    /// Estimates the errors of the press of the body of `motion`, which was in `states`. `None`
-    /// without a contact force.
+    /// Estimates the errors of the press of `body`, which was in `states`. `None` without a contact
+    /// force.
     ///
     /// # Errors
     /// [`Error::Input`] for a body whose error cannot be estimated; [`Error::Solver`] if the finer
@@ -121,7 +205,7 @@ impl ErrorEstimator<'_> {
     pub fn run(
         &self,
         gpu: &Gpu,
-        (motion, states): (&Motion, &LoadedStates),
+        (body, states): (&RestBody, &LoadedStates),
         progress: ProgressFn,
     ) -> Result<Option<PressError>> {
         let report = |share: f64| ProgressScope::begin(progress, WHAT, share).map(drop);
@@ -129,44 +213,47 @@ impl ErrorEstimator<'_> {
         let Some((deepest, second)) = states.chosen().filter(|(s, _)| s.force > 0.0) else {
             return Ok(None);
         };
-        let scene = &self.session.setup().scene;
-        let mut same = copy_at_rest(gpu, scene, motion)?;
-        let mut finer_body = FinerBody::new(gpu, scene, motion)?;
+        let mut bodies = ComparedBodies::new(gpu, body)?;
         report(0.1)?;
-        let factor = mesh_factor(motion.simulator.mesh().order);
         let slope = self.slope(deepest);
-        let mut correct = |state: &LoadedState| -> Result<Correction> {
-            let [same_force, own_change] = self.solve(&mut same, &state.positions, state.depth)?;
-            let positions = finer_body.positions_from(&state.positions);
-            let [finer, change] = self.solve(&mut finer_body.motion, &positions, state.depth)?;
-            let gap = GAP_PER_RADIUS * self.session.radius() * self.session.unit();
-            Ok(Correction {
-                depth: self.session.unit() * state.depth,
-                force: state.force,
-                finer,
-                parts: ErrorParts {
-                    mesh: factor * (state.force - finer).abs(),
-                    time: (state.force - same_force).abs(),
-                    solver: own_change + change,
-                    contact: slope * gap,
-                },
-            })
-        };
-        let second = second.map(&mut correct).transpose()?;
+        let second =
+            second.map(|state| self.correct(&mut bodies, (state, slope), &mut || report(0.3)));
+        let second = second.transpose()?;
         report(0.5)?;
         let start = deepest;
-        let deepest = correct(deepest)?;
+        let deepest = self.correct(&mut bodies, (deepest, slope), &mut || report(0.7))?;
         let mut error = self.errors(&deepest, second.as_ref());
-        error.finer_elements = finer_body.elements();
-        let before = finer_body.positions_from(&start.positions);
-        error.tet_shares = finer_body.energies_of_difference(&before)?;
-        let sum: f64 = error.tet_shares.iter().sum();
-        error
-            .tet_shares
-            .iter_mut()
-            .for_each(|share| *share *= 100.0 / sum);
+        error.finer_elements = bodies.finer.elements();
+        let before = bodies.finer.positions_from(&start.positions);
+        error.tet_shares = bodies.finer.shares_of_difference(&before)?;
         report(1.0)?;
         Ok(Some(error))
+    }
+
+    /// Solves a state again; `slope` is that of the curve there, N/m. Calls `check` between the solves.
+    fn correct(
+        &self,
+        bodies: &mut ComparedBodies,
+        (state, slope): (&LoadedState, f64),
+        check: &mut dyn FnMut() -> Result<()>,
+    ) -> Result<Correction> {
+        let [same_force, own_change] =
+            self.solve(&mut bodies.same, &state.positions, state.depth)?;
+        check()?;
+        let positions = bodies.finer.positions_from(&state.positions);
+        let [finer, change] = self.solve(&mut bodies.finer.motion, &positions, state.depth)?;
+        let gap = GAP_PER_RADIUS * self.session.radius() * self.session.unit();
+        Ok(Correction {
+            depth: self.session.unit() * state.depth,
+            force: state.force,
+            finer,
+            parts: ErrorParts {
+                mesh: bodies.factor * (state.force - finer).abs(),
+                time: (state.force - same_force).abs(),
+                solver: own_change + change,
+                contact: slope * gap,
+            },
+        })
     }
 
     /// Returns the force of the deepest state in each of `levels` spaces, each finer than the one
@@ -178,22 +265,20 @@ impl ErrorEstimator<'_> {
     pub fn finer_forces(
         &self,
         gpu: &Gpu,
-        (motion, states): (&Motion, &LoadedStates),
+        (body, states): (RestBody, &LoadedStates),
         levels: usize,
     ) -> Result<Vec<f64>> {
         let Some((deepest, _)) = states.chosen() else {
             return Ok(Vec::new());
         };
-        let scene = &self.session.setup().scene;
         let mut positions = deepest.positions.clone();
-        let (mut coarser, mut forces): (Option<FinerBody>, _) = (None, Vec::new());
+        let (mut coarser, mut forces) = (body, Vec::new());
         for _ in 0..levels {
-            let from = coarser.as_ref().map_or(motion, |body| &body.motion);
-            let mut body = FinerBody::new(gpu, scene, from)?;
-            positions = body.positions_from(&positions);
-            forces.push(self.solve(&mut body.motion, &positions, deepest.depth)?[0]);
-            positions = body.motion.positions()?;
-            coarser = Some(body);
+            let mut finer = coarser.finer(gpu)?;
+            positions = finer.positions_from(&positions);
+            forces.push(self.solve(&mut finer.motion, &positions, deepest.depth)?[0]);
+            positions = finer.motion.positions()?;
+            coarser = RestBody::new(&self.session.setup().scene, &finer.motion)?;
         }
         Ok(forces)
     }

@@ -15,6 +15,7 @@ mod support_table;
 mod validity;
 
 pub use curve::{Bed, PressConditions, PressReport, PressSample};
+pub use error::PressedState;
 pub use interactive::InteractiveStage;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 pub use session::PressSession;
@@ -23,9 +24,9 @@ pub use site::PressSite;
 pub(crate) use validity::curve_warnings;
 pub use validity::in_pieces;
 
-use crate::accuracy::ErrorParts;
+use crate::accuracy::{ErrorParts, RestBody, error_stage, with_error_field};
 use crate::gpu::Gpu;
-use crate::mesh::{Field, Location, TetMesh, Topology};
+use crate::mesh::{TetMesh, Topology};
 use crate::number_format::significant;
 use crate::render::{Image, Plane, Sections};
 use crate::scene::{Scene, Stage};
@@ -45,9 +46,6 @@ const MAX_DEPTH: f64 = 0.5;
 const FIRST_APPROACH_FRACTION: f64 = 0.6;
 /// Fraction of the target force that counts as reached.
 const FORCE_TOLERANCE: f64 = 0.99;
-/// Name of the field of errors, and its colours.
-const ERROR_FIELD: &str = "error";
-const ERROR_COLOURS: &str = "viridis";
 /// Minimum cosine between the view direction and the normal of the clip plane.
 const MIN_VIEW_COSINE: f64 = 0.35;
 
@@ -354,10 +352,11 @@ impl Press {
             self.error = Some(Err("the press is not valid, because of the warnings".into()));
             return Ok(());
         }
-        let motion = self.stage.motion().ok_or_else(session::static_body)?;
         let conditions = self.conditions();
         let estimator = self.estimator(&conditions);
-        self.error = match estimator.run(&self.gpu, (motion, &self.states), progress) {
+        let body = self.rest_body();
+        let found = body.and_then(|body| estimator.run(&self.gpu, (&body, &self.states), progress));
+        self.error = match found {
             Ok(found) => found.map(|mut error| {
                 error.seconds = start.elapsed().as_secs_f64();
                 Ok(error)
@@ -384,9 +383,7 @@ impl Press {
         };
         let mut mesh = self.stage.mesh().clone();
         mesh.nodes = positions.to_vec();
-        let shares = error.tet_shares.clone();
-        mesh.set_field(Field::scalar(ERROR_FIELD, Location::Cell, shares))?;
-        Ok(Some(mesh))
+        with_error_field(mesh, &error.tet_shares).map(Some)
     }
 
     /// Returns a picture of [`Press::error_mesh`], seen as the press.
@@ -397,15 +394,7 @@ impl Press {
         let Some(mesh) = self.error_mesh()? else {
             return Ok(None);
         };
-        let mut scene = self.session.setup().scene.clone();
-        scene.solver.name = None;
-        scene.tool.clear();
-        scene.picture.field = Some(ERROR_FIELD.into());
-        scene.picture.transfer = Some(ERROR_COLOURS.into());
-        let mut picture = Stage::with_mesh(&self.gpu, &scene, mesh)?;
-        *picture.camera_mut() = *self.stage.camera_mut();
-        picture.set_sections(self.stage.inside())?;
-        picture.image().map(Some)
+        error_stage(mesh, &mut self.stage)?.image().map(Some)
     }
 
     /// Returns the largest force in each of `levels` spaces, each finer than the one before, N: the
@@ -415,16 +404,21 @@ impl Press {
     /// As a simulation step.
     #[cfg(feature = "study")]
     pub(crate) fn finer_forces(&self, levels: usize) -> Result<Vec<f64>> {
-        let motion = self.stage.motion().ok_or_else(session::static_body)?;
         let conditions = self.conditions();
+        let body = self.rest_body()?;
         self.estimator(&conditions)
-            .finer_forces(&self.gpu, (motion, &self.states), levels)
+            .finer_forces(&self.gpu, (body, &self.states), levels)
     }
 
     /// Returns the force in the deepest state, N.
     #[cfg(feature = "study")]
     pub(crate) fn deepest_force(&self) -> f64 {
         self.states.deepest_force()
+    }
+
+    fn rest_body(&self) -> Result<RestBody> {
+        let motion = self.stage.motion().ok_or_else(session::static_body)?;
+        RestBody::new(&self.session.setup().scene, motion)
     }
 
     fn estimator<'a>(&'a self, conditions: &'a PressConditions) -> ErrorEstimator<'a> {

@@ -331,6 +331,6 @@ pub(super) fn static_body() -> Error {
     Error::Input("a static body cannot be pressed; set [solver] name".into())
 }
 
-fn not_placed() -> Error {
+pub(super) fn not_placed() -> Error {
     Error::Input("the fingertip is not placed on the body; place it first".into())
 }

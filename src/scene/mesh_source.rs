@@ -17,6 +17,8 @@ use std::path::Path;
 
 /// Prefixes of reference numbers set by readers: labels, not quantities.
 const LABEL_FIELDS: [&str; 3] = ["gmsh:", "medit:", "tetgen:"];
+/// Field that is the share of each tet in the estimated error of a body at rest, or of a press.
+pub const ERROR_FIELD: &str = "error";
 /// Transfer function of pictures without another one.
 pub(super) const DEFAULT_PRESET: &str = "tissue";
 /// A body whose mean chord is below this fraction of its extent is thin.
@@ -402,6 +404,11 @@ fn named_field(mesh: &TetMesh, name: &str) -> Result<Field> {
             return Error::Input(format!(
                 "the mesh has no field \"{name}\", and computing it requires a simulated body; set a solver, such as --solver implicit"
             ));
+        }
+        if name == ERROR_FIELD {
+            return Error::Input(
+                "the mesh has no field \"error\"; it is estimated for bodies at rest by palpate render --field error with a solver, and for presses by palpate press (error.png)".into(),
+            );
         }
         let names: Vec<&str> = mesh.fields.iter().map(|f| f.name.as_str()).collect();
         Error::Input(match names.as_slice() {

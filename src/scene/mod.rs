@@ -82,11 +82,12 @@ pub use element_order::OrderChoice;
 pub use entries::*;
 pub use material::MaterialEntry;
 pub(crate) use material::{TissueEntry, TissueTable};
-pub use mesh_source::ScalarField;
+pub use mesh_source::{ERROR_FIELD, ScalarField};
 pub use motion::Motion;
 pub(crate) use picture::DEFAULT_SIZE;
 pub use pieces::{Piece, write_pieces};
 pub use preloaded::Preloaded;
+pub(crate) use reactions::NamedPins;
 pub use reactions::ReactionLog;
 pub(crate) use region::{Axis, LabelOrName, Region};
 #[cfg(feature = "study")]

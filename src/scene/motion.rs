@@ -38,7 +38,7 @@ pub struct Motion {
     /// Points, in file units, that the view of the whole run should contain.
     pub(super) motion_envelope: Option<Vec<DVec3>>,
     /// Named pins.
-    pub(super) pins: Vec<NamedPins>,
+    pub(crate) pins: Vec<NamedPins>,
     /// Time-dependent loads.
     pub(super) time_dependent_loads: TimeDependentLoads,
     /// Names of the dynamic tools, which are regions of the mesh.

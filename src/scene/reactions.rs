@@ -1,5 +1,6 @@
 //! Reactions of a body at its supports, grabs and tools, as a table over the frames.
 
+use super::Motion;
 use super::stage::Stage;
 use crate::io::atomic_write;
 use crate::mesh::TetCut;
@@ -9,11 +10,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// First line of the table.
-const HEADER: &str = "time_s,name,fx,fy,fz,mx,my,mz";
+const HEADER: &str = "time_s,name,fx,fy,fz,mx,my,mz,force_error_n";
 
 /// A named group of pinned nodes.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct NamedPins {
+pub(crate) struct NamedPins {
     pub name: String,
     pub nodes: Vec<u32>,
 }
@@ -26,7 +27,8 @@ pub(super) struct NamedPins {
 /// The force is exerted by the body in the state of the frame: elastic and damping forces, weight
 /// and external forces of the constrained nodes, minus their inertia if they move. For a grab with
 /// springs it is the spring force; for an inactive grab it is zero. Only the CPU engine provides
-/// reactions, for tetrahedral bodies.
+/// reactions, for tetrahedral bodies. The last column is the estimated error of the length of the
+/// force, N, in a frame that [`ReactionLog::set_errors`] was called for, and empty in others.
 ///
 /// The file is rewritten atomically with every frame.
 #[derive(Clone, Debug)]
@@ -97,7 +99,32 @@ impl ReactionLog {
             let numbers = [force, moment].map(|v| format!("{},{},{}", v.x, v.y, v.z));
             let name = quoted(&name);
             self.lines
-                .push(format!("{time},{name},{}", numbers.join(",")));
+                .push(format!("{time},{name},{},", numbers.join(",")));
+        }
+        self.write()
+    }
+
+    /// Sets the errors of the forces of the last frame: names as in the table, with errors in N.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the table cannot be written.
+    pub fn set_errors(&mut self, errors: &[(String, f64)]) -> Result<()> {
+        let time_of = |line: &str| line.split(',').next().map(str::to_owned);
+        let Some(last) = self.lines.last().and_then(|line| time_of(line)) else {
+            return Ok(());
+        };
+        for line in &mut self.lines {
+            let Some(cells) = line.strip_prefix(&format!("{last},")) else {
+                continue;
+            };
+            let of_row = |(name, _): &&(String, f64)| {
+                let rest = cells.strip_prefix(&quoted(name));
+                rest.is_some_and(|rest| rest.starts_with(','))
+            };
+            if let Some((_, error)) = errors.iter().find(of_row) {
+                let numbers = line.rfind(',').map_or(line.len(), |end| end + 1);
+                line.replace_range(numbers.., &error.to_string());
+            }
         }
         self.write()
     }
@@ -145,42 +172,12 @@ impl Stage {
     /// [`Error::Input`] for a static body or one without supports; otherwise as
     /// [`Reactions::nodal_forces`](crate::physics::Reactions::nodal_forces).
     pub fn reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
-        let time = self.time();
         let Some(motion) = self.motion_mut() else {
             return Err(Error::Input(
                 "a static body has no reactions; set a solver, such as --solver implicit".into(),
             ));
         };
-        let of_tools = motion.tool_reactions()?;
-        // The GPU engine provides the forces on tools, but not those on nodes.
-        if motion.simulator.engine() == Engine::Gpu && !of_tools.is_empty() {
-            return Ok(of_tools);
-        }
-        let forces = NodalForces::of(motion.simulator.as_mut())?;
-        let body = motion.simulator.as_ref();
-        let pins = motion.pins.iter();
-        let mut all: Vec<(String, Reaction)> = pins
-            .map(|pin| (pin.name.clone(), forces.reaction_on_pins(&pin.nodes)))
-            .collect();
-        let unit = body.loads().frame_and_unit().1;
-        for scheduled_motion in &motion.time_dependent_loads.scheduled_motions {
-            let nodes = scheduled_motion.accelerations(time, motion.dt);
-            let reaction = forces.reaction_on_motion(nodes.map(|(v, a)| (v, unit * a)));
-            all.push((scheduled_motion.name.clone(), reaction));
-        }
-        for (i, attachment) in motion.attachments.iter().enumerate() {
-            let name = attachment.name().map(str::to_owned);
-            let name = name.unwrap_or_else(|| format!("grab{}", i + 1));
-            let reaction = match attachment.grab {
-                None => Reaction::default(),
-                Some(grab) => {
-                    let acceleration = unit * attachment.acceleration(time, motion.dt);
-                    forces.reaction_on_grab(body, grab, acceleration)?
-                }
-            };
-            all.push((name, reaction));
-        }
-        all.extend(of_tools);
+        let all = motion.reactions()?;
         if let Some((name, _)) = all.iter().find(|(_, on)| on.force.is_nan()) {
             return Err(Error::Input(format!(
                 "no reaction of \"{name}\": it constrains nodes of a rigid region, whose nodal forces are unknown; make the region stiff instead of rigid, hold it by a spring, or remove --reactions"
@@ -193,5 +190,47 @@ impl Stage {
             )),
             false => Ok(all),
         }
+    }
+}
+
+impl Motion {
+    /// Returns the reactions of [`Stage::reactions`]: none without supports, NaN at nodes of rigid
+    /// regions.
+    ///
+    /// # Errors
+    /// As [`Reactions::nodal_forces`](crate::physics::Reactions::nodal_forces).
+    pub(crate) fn reactions(&mut self) -> Result<Vec<(String, Reaction)>> {
+        let time = self.time();
+        let of_tools = self.tool_reactions()?;
+        // The GPU engine provides the forces on tools, but not those on nodes.
+        if self.simulator.engine() == Engine::Gpu && !of_tools.is_empty() {
+            return Ok(of_tools);
+        }
+        let forces = NodalForces::of(self.simulator.as_mut())?;
+        let body = self.simulator.as_ref();
+        let pins = self.pins.iter();
+        let mut all: Vec<(String, Reaction)> = pins
+            .map(|pin| (pin.name.clone(), forces.reaction_on_pins(&pin.nodes)))
+            .collect();
+        let unit = body.loads().frame_and_unit().1;
+        for scheduled_motion in &self.time_dependent_loads.scheduled_motions {
+            let nodes = scheduled_motion.accelerations(time, self.dt);
+            let reaction = forces.reaction_on_motion(nodes.map(|(v, a)| (v, unit * a)));
+            all.push((scheduled_motion.name.clone(), reaction));
+        }
+        for (i, attachment) in self.attachments.iter().enumerate() {
+            let name = attachment.name().map(str::to_owned);
+            let name = name.unwrap_or_else(|| format!("grab{}", i + 1));
+            let reaction = match attachment.grab {
+                None => Reaction::default(),
+                Some(grab) => {
+                    let acceleration = unit * attachment.acceleration(time, self.dt);
+                    forces.reaction_on_grab(body, grab, acceleration)?
+                }
+            };
+            all.push((name, reaction));
+        }
+        all.extend(of_tools);
+        Ok(all)
     }
 }

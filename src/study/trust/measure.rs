@@ -3,7 +3,7 @@
 
 use super::case::{Case, Load, Random};
 use crate::accuracy::{
-    EQUILIBRIUM_TOLERANCE, ErrorParts, FinerBody, errors_at_rest, mesh_factor, quasi_static_step,
+    EQUILIBRIUM_TOLERANCE, ErrorParts, RestBody, errors_at_rest, mesh_factor, quasi_static_step,
     settle,
 };
 use crate::gpu::Gpu;
@@ -194,17 +194,16 @@ fn finer_numbers(
 ) -> Result<Vec<f64>> {
     let dt = quasi_static_step(motion);
     let mut positions = motion.positions()?;
-    let (mut coarser, mut numbers): (Option<FinerBody>, _) = (None, Vec::new());
+    let (mut coarser, mut numbers) = (RestBody::new(scene, motion)?, Vec::new());
     for _ in 0..FINER {
-        let from = coarser.as_ref().map_or(motion, |body| &body.motion);
-        let mut body = FinerBody::new(gpu, scene, from)?;
-        positions = body.positions_from(&positions);
-        let settled = settle(&mut body.motion, (&positions, dt), &mut |m| {
+        let mut finer = coarser.finer(gpu)?;
+        positions = finer.positions_from(&positions);
+        let settled = settle(&mut finer.motion, (&positions, dt), &mut |m| {
             Ok(vec![number(m)?])
         })?;
         numbers.extend(settled.values);
-        positions = body.motion.positions()?;
-        coarser = Some(body);
+        positions = finer.motion.positions()?;
+        coarser = RestBody::new(scene, &finer.motion)?;
     }
     Ok(numbers)
 }

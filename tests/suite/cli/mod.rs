@@ -8,6 +8,7 @@ mod bench;
 mod command_line;
 mod convert;
 mod docs;
+mod errors;
 mod film;
 mod frames;
 mod mesh;

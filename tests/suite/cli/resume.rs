@@ -228,7 +228,7 @@ fn resume_keeps_fields_and_reactions() {
     assert_eq!(all, table(&broken));
     // A line for the pin and one for the grab, for six frames.
     assert_eq!(all.lines().count(), 1 + 2 * 6, "{all}");
-    assert!(all.lines().skip(1).all(|line| line.split(',').count() == 8));
+    assert!(all.lines().skip(1).all(|line| line.split(',').count() == 9));
     let last = palpate::io::read(whole.join("scene_00005.vtu")).unwrap();
     let fields = ["von_mises", "J"].map(|name| last.field(name, palpate::mesh::Location::Cell));
     assert!(fields.iter().all(Option::is_some));

@@ -1,0 +1,36 @@
+//! The error as a field on a body, and its picture.
+
+use crate::Result;
+use crate::mesh::{Field, Location, TetMesh};
+use crate::scene::{ERROR_FIELD, Stage};
+
+/// Colours of the field.
+const COLOURS: &str = "viridis";
+
+/// Adds the field `error` to a mesh: the share of each tet in an error, %.
+///
+/// # Errors
+/// [`Error::Input`](crate::Error::Input) if the shares do not fit the mesh.
+pub(crate) fn with_error_field(mut mesh: TetMesh, shares: &[f64]) -> Result<TetMesh> {
+    let field = Field::scalar(ERROR_FIELD, Location::Cell, shares.to_vec());
+    mesh.set_field(field)?;
+    Ok(mesh)
+}
+
+/// Returns a static stage of `mesh`, the body of `stage` with the field `error`, seen as there.
+///
+/// # Errors
+/// As [`Stage::with_mesh`].
+pub(crate) fn error_stage(mesh: TetMesh, stage: &mut Stage) -> Result<Stage> {
+    let (gpu, scene) = stage.origin();
+    let (gpu, mut scene) = (gpu.clone(), scene.clone());
+    scene.solver.name = None;
+    scene.tool.clear();
+    scene.picture.field = Some(ERROR_FIELD.into());
+    scene.picture.transfer = Some(COLOURS.into());
+    scene.picture.range = None;
+    let mut picture = Stage::with_mesh(&gpu, &scene, mesh)?;
+    *picture.camera_mut() = *stage.camera_mut();
+    picture.set_sections(stage.inside())?;
+    Ok(picture)
+}

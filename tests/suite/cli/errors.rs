@@ -1,0 +1,149 @@
+//! Errors that commands report: of reactions, of reports, and as a field.
+
+use super::{failure, folder, palpate, stdout, text};
+use palpate::mesh::Location;
+
+/// A bar that sags to rest in long steps on two supports.
+const SAGGING: &str = r#"
+[mesh]
+generate = "bar"
+tets = 320
+[material]
+young = 1e5
+poisson = 0.4
+order = 1
+[solver]
+name = "implicit"
+engine = "cpu"
+dt = 100
+steps = 2
+tolerance = 1e-4
+[[pin]]
+name = "left, low"
+axis = "x"
+below = 0.01
+[[pin]]
+name = "right"
+axis = "x"
+above = 0.99
+[picture]
+size = [48, 32]
+"#;
+
+#[test]
+fn reactions_at_rest_have_errors_in_last_frame() {
+    let here = folder("errors_reactions");
+    let scene = here.join("sagging.toml");
+    std::fs::write(&scene, SAGGING).unwrap();
+    let table = here.join("reactions.csv");
+    let run = |more: &[&str]| {
+        let given = [
+            "simulate",
+            text(&scene),
+            "--out",
+            text(&here),
+            "--no-pictures",
+        ];
+        let frames = ["--frames", "3", "--reactions", text(&table)];
+        let output = palpate(&[&given[..], &frames, more].concat());
+        let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+        stdout(&output);
+        (notes, std::fs::read_to_string(&table).unwrap())
+    };
+    let (notes, rows) = run(&[]);
+    assert!(
+        notes.contains("force on right at the end: ") && notes.contains(" N ± "),
+        "{notes}"
+    );
+    let mut lines = rows.lines();
+    assert!(lines.next().unwrap().ends_with(",force_error_n"));
+    let errors: Vec<&str> = lines.map(|line| line.rsplit(',').next().unwrap()).collect();
+    assert_eq!(errors.len(), 8);
+    assert!(errors[..6].iter().all(|error| error.is_empty()), "{rows}");
+    let last = errors[6..]
+        .iter()
+        .map(|error| error.parse::<f64>().unwrap());
+    assert!(last.into_iter().all(|error| error > 0.0), "{rows}");
+    // Not asked for.
+    let (notes, rows) = run(&["--no-error"]);
+    assert!(!notes.contains('±') && rows.lines().skip(1).all(|line| line.ends_with(',')));
+    // In motion there are none, which is said.
+    let moving = SAGGING.replace("dt = 100", "dt = 0.001");
+    std::fs::write(&scene, moving).unwrap();
+    let (notes, _) = run(&[]);
+    assert!(
+        notes.contains("no errors of the reactions: the body is in motion"),
+        "{notes}"
+    );
+}
+
+#[test]
+fn error_field_shows_coarse_places() {
+    let here = folder("errors_field");
+    let scene = here.join("sagging.toml");
+    std::fs::write(&scene, SAGGING).unwrap();
+    let (picture, mesh) = (here.join("error.png"), here.join("error.vtu"));
+    let render = |more: &[&str]| {
+        let given = [
+            "render",
+            text(&scene),
+            "--field",
+            "error",
+            "--out",
+            text(&picture),
+        ];
+        palpate(&[&given[..], more].concat())
+    };
+    let report = here.join("report.json");
+    stdout(&render(&[
+        "--mesh-out",
+        text(&mesh),
+        "--report",
+        text(&report),
+    ]));
+    let written = palpate::io::read(&mesh).unwrap();
+    let shares = &written.field("error", Location::Cell).unwrap().values;
+    assert!((shares.iter().sum::<f64>() - 100.0).abs() < 1e-3);
+    // Largest at the supports.
+    let nearest = |x: f64| {
+        let middle = |t: usize| written.tet_nodes(t).iter().map(|p| p.x).sum::<f64>() / 4.0;
+        let at = (0..shares.len()).filter(|t| (middle(*t) - x).abs() < 0.1);
+        let all: Vec<f64> = at.map(|t| shares[t]).collect();
+        all.iter().sum::<f64>() / all.len() as f64
+    };
+    let (low, high) = written.bounds();
+    assert!(nearest(low.x) > 2.0 * nearest(0.5 * (low.x + high.x)));
+    let shown = palpate::render::Image::read_for_comparison(&picture).unwrap();
+    assert_eq!(shown.size, [48, 32]);
+    let report: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
+    assert_eq!(report["errors"]["forces"][1]["name"], "right");
+    // The written mesh has the field, which is then drawn as any other.
+    stdout(&palpate(&[
+        "render",
+        text(&mesh),
+        "--field",
+        "error",
+        "--out",
+        text(&picture),
+    ]));
+    let said = failure(&render(&["--dt", "0.001"]));
+    assert!(
+        said.contains("no error to draw: the body is in motion"),
+        "{said}"
+    );
+    let still = here.join("still.toml");
+    std::fs::write(&still, "[mesh]\ngenerate = \"bar\"\n").unwrap();
+    let said = failure(&palpate(&[
+        "render",
+        text(&still),
+        "--field",
+        "error",
+        "--out",
+        text(&picture),
+    ]));
+    assert!(
+        said.contains("no field \"error\"") && said.contains("with a solver"),
+        "{said}"
+    );
+}
