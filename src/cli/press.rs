@@ -49,8 +49,8 @@ pub struct PressArguments {
     /// interrupted map
     #[arg(long, value_name = "NxM", value_parser = super::flags::size, conflicts_with_all = ["at", "pick", "force"])]
     map: Option<[u32; 2]>,
-    /// Leave out the error estimate, which takes about twice as long as the press itself
-    #[arg(long, conflicts_with = "map")]
+    /// Leave out the error estimate, which takes about as long as the press itself
+    #[arg(long)]
     no_error: bool,
     /// Also print the content of press.json or map.json on standard output
     #[arg(long)]
@@ -84,7 +84,7 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
             radius: arguments.radius,
             depth: arguments.depth,
         };
-        let report = press_map::run(gpu, &scene, &wanted, out)?;
+        let report = press_map::run(gpu, &scene, &wanted, (out, !arguments.no_error))?;
         if arguments.json {
             print_json(&report)?;
         }

@@ -1,6 +1,7 @@
 //! `palpate press --map`: indents a body at the points of a grid.
 
 use super::{print_notes, progress};
+use palpate::accuracy::ErrorParts;
 use palpate::gpu::Gpu;
 use palpate::io::atomic_write;
 use palpate::number_format::significant;
@@ -24,6 +25,11 @@ pub struct MapMetadata {
     failed: usize,
     median_n_per_m: Option<f64>,
     stiffest_n_per_m: Option<f64>,
+    /// Estimated errors of the two stiffnesses.
+    #[serde(default)]
+    median_error_n_per_m: Option<f64>,
+    #[serde(default)]
+    stiffest_error_n_per_m: Option<f64>,
     stiffest_at: Option<[f64; 3]>,
     /// Fingerprint of the body, scene and settings of the map.
     mark: String,
@@ -35,7 +41,7 @@ pub fn run(
     gpu: &Gpu,
     scene: &Scene,
     wanted: &MapOptions,
-    out: &Path,
+    (out, with_errors): (&Path, bool),
 ) -> anyhow::Result<MapMetadata> {
     let mut map = progress::with_message("preparing", || PressMap::new(scene, wanted))?;
     print_notes(map.notes());
@@ -59,6 +65,9 @@ pub fn run(
         })
     })?;
     write_rows(&map, &rows)?;
+    if with_errors {
+        progress::with_stages(|progress| map.estimate_errors(gpu, progress))?;
+    }
     let report = write_metadata(&map, wanted, &about)?;
     let image = map.image(gpu)?;
     image.save(out.join("map.png"))?;
@@ -68,23 +77,32 @@ pub fn run(
             "{failed} points have no stiffness (nan): a step failed, or the body snapped or slipped away from the fingertip; try a smaller --depth or a larger --radius"
         )]);
     }
-    if let (Some(median), Some(top)) = (map.median(), map.stiffest()) {
-        let stiffness = top.stiffness().unwrap_or(median);
-        print_notes(&[format!(
-            "stiffest of {} points: {} N/m, {:.2} times the median, at {}, {}, {}",
-            map.points().len(),
-            significant(stiffness),
-            stiffness / median,
-            significant(top.point.x),
-            significant(top.point.y),
-            significant(top.point.z)
-        )]);
-    }
+    print_notes(&stiffest_note(&map).into_iter().collect::<Vec<_>>());
     print_notes(&[format!(
         "wrote {0}/map.csv, {0}/map.png, {0}/map.json",
         out.display()
     )]);
     Ok(report)
+}
+
+/// Returns the largest and the median stiffness in words, if points were measured.
+fn stiffest_note(map: &PressMap) -> Option<String> {
+    let (median, top) = (map.median()?, map.stiffest()?);
+    let stiffness = top.stiffness()?;
+    let with_error = |x: f64, error: Option<&ErrorParts>| match error {
+        Some(error) => error.around(x, "N/m"),
+        None => format!("{} N/m", significant(x)),
+    };
+    Some(format!(
+        "stiffest of {} points: {}, {:.2} times the median of {}, at {}, {}, {}",
+        map.points().len(),
+        with_error(stiffness, map.stiffest_error()),
+        stiffness / median,
+        with_error(median, map.median_error()),
+        significant(top.point.x),
+        significant(top.point.y),
+        significant(top.point.z)
+    ))
 }
 
 fn failed(map: &PressMap) -> usize {
@@ -175,6 +193,8 @@ fn write_metadata(map: &PressMap, wanted: &MapOptions, path: &Path) -> Result<Ma
         failed: failed(map),
         median_n_per_m: map.median(),
         stiffest_n_per_m: top.and_then(|p| p.stiffness()),
+        median_error_n_per_m: map.median_error().map(ErrorParts::total),
+        stiffest_error_n_per_m: map.stiffest_error().map(ErrorParts::total),
         stiffest_at: top.map(|p| p.point.to_array()),
         mark: fingerprint(map),
     };

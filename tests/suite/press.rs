@@ -299,6 +299,18 @@ fn stiffness_map_is_uniform_on_uniform_body_and_resumes() {
         assert!((over - 1.0).abs() < 1e-9, "{k} {over}");
     }
     assert!(rest.restore(&[]).is_err());
+    // The errors of the median and of the largest stiffness: of the mesh, several percent.
+    assert_eq!((whole.median_error(), whole.stiffest_error()), (None, None));
+    whole.estimate_errors(&gpu, &palpate::no_progress).unwrap();
+    let top = whole.stiffest().unwrap().stiffness().unwrap();
+    let errors = [
+        (whole.median(), whole.median_error()),
+        (Some(top), whole.stiffest_error()),
+    ];
+    for (stiffness, error) in errors {
+        let share = error.unwrap().total() / stiffness.unwrap();
+        assert!((0.05..1.0).contains(&share), "{share}");
+    }
     let image = rest.image(&gpu).unwrap();
     assert_eq!(image.channels, 4);
     // Of another body, or with other settings.

@@ -1,16 +1,18 @@
 //! A simulator with a fingertip, which presses the points of a map one after another.
 
 use super::PointResult;
+use crate::accuracy::{ErrorParts, RestBody};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::physics::{Capability, SimulatorState, SolverKind};
 use crate::press::curve::{self, PressConditions};
 use crate::press::curve_warnings;
+use crate::press::error::{ErrorEstimator, LoadedState, LoadedStates};
 use crate::press::session::{INITIAL_CLEARANCE, PressSession};
 use crate::press::setup::PressSetup;
 use crate::press::site::{Boundary, PressSite};
 use crate::scene::Motion;
-use crate::{Error, Result};
+use crate::{Error, Result, no_progress};
 
 /// Loading steps at each point.
 const STEPS: u32 = 6;
@@ -35,6 +37,7 @@ impl Bench {
             rest: saved.state()?,
             session: PressSession::new(self.setup.clone(), &motion),
             motion,
+            states: LoadedStates::default(),
             bench: self,
         })
     }
@@ -47,6 +50,8 @@ pub(super) struct Finger<'a> {
     rest: SimulatorState,
     /// Boundary of the simulated body at rest.
     boundary: Boundary,
+    /// States of the last press.
+    states: LoadedStates,
     bench: &'a Bench,
 }
 
@@ -63,22 +68,54 @@ impl Finger<'_> {
             .set_state(&self.rest)?;
         self.session
             .touch_site(&mut self.motion, &self.boundary, site)?;
+        self.states = LoadedStates::default();
         for step in 1..=STEPS {
             let goal = begin + (depth - begin) * f64::from(step) / f64::from(STEPS);
             match self.session.press_to(&mut self.motion, goal, "load") {
                 Ok(None) | Err(Error::Solver { .. }) => return Ok(PointResult::Failed),
-                other => other?,
-            };
+                Ok(Some(sample)) => self.states.push(LoadedState {
+                    depth: goal,
+                    force: sample.force_n,
+                    positions: self.motion.positions()?,
+                }),
+                Err(error) => return Err(error),
+            }
         }
         let samples = self.session.samples();
-        let conditions = PressConditions {
-            radius_m: self.session.unit() * self.session.radius(),
-            ..PressConditions::default()
-        };
-        let report = curve::report(samples, conditions, 0.0, curve_warnings(samples));
+        let report = curve::report(samples, self.conditions(), 0.0, curve_warnings(samples));
         Ok(match report.stiffness_n_per_m {
             Some(stiffness) => PointResult::Stiffness(stiffness),
             None => PointResult::Failed,
         })
+    }
+
+    /// Presses the body from rest at `site` and estimates the error of the stiffness, N/m; `None` if
+    /// it has none.
+    ///
+    /// # Errors
+    /// Errors of the engine.
+    pub fn stiffness_error(&mut self, gpu: &Gpu, site: PressSite) -> Result<Option<ErrorParts>> {
+        if self.press(site)? == PointResult::Failed {
+            return Ok(None);
+        }
+        let estimator = ErrorEstimator {
+            session: &self.session,
+            samples: self.session.samples(),
+            conditions: &self.conditions(),
+        };
+        let body = RestBody::new(&self.bench.setup.scene, &self.motion);
+        let found = body.and_then(|body| estimator.run(gpu, (&body, &self.states), &no_progress));
+        match found {
+            Ok(found) => Ok(found.map(|error| error.stiffness_n_per_m)),
+            Err(Error::Input(_) | Error::Solver { .. }) => Ok(None),
+            Err(other) => Err(other),
+        }
+    }
+
+    fn conditions(&self) -> PressConditions {
+        PressConditions {
+            radius_m: self.session.unit() * self.session.radius(),
+            ..PressConditions::default()
+        }
     }
 }

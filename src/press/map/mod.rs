@@ -8,11 +8,13 @@ use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::support_table::Table;
 use super::{DEPTH, validity};
+use crate::accuracy::ErrorParts;
 use crate::gpu::Gpu;
 use crate::mesh::Topology;
 use crate::number_format::significant;
+use crate::progress::ProgressScope;
 use crate::scene::{Scene, scene_hash};
-use crate::{Error, Result, no_progress};
+use crate::{Error, ProgressFn, Result, no_progress};
 use finger::Bench;
 use flate2::Crc;
 use glam::DVec3;
@@ -98,6 +100,8 @@ pub struct PressMap {
     /// Grid cell of each point.
     cells: Vec<usize>,
     notes: Vec<String>,
+    /// Numbers of points, with the errors of their stiffnesses.
+    errors: Vec<(usize, ErrorParts)>,
 }
 
 /// Sites of a map, with the depth.
@@ -202,6 +206,7 @@ impl PressMap {
             }),
             grid,
             notes,
+            errors: Vec::new(),
         })
     }
 
@@ -260,6 +265,7 @@ impl PressMap {
         for (point, found) in self.points.iter_mut().zip(found) {
             point.pressed = *found;
         }
+        self.errors.clear();
         Ok(())
     }
 
@@ -317,16 +323,78 @@ impl PressMap {
         })
     }
 
+    /// Estimates the errors of the median and of the largest stiffness: presses again where they were
+    /// measured, and in the finer space. A body whose errors cannot be estimated has none.
+    ///
+    /// # Errors
+    /// [`Error::Cancelled`], and errors of the device.
+    pub fn estimate_errors(&mut self, gpu: &Gpu, progress: ProgressFn) -> Result<()> {
+        let report =
+            |share: f64| ProgressScope::begin(progress, "estimating errors", share).map(drop);
+        report(0.0)?;
+        let mut chosen: Vec<usize> = [self.median_point(), self.stiffest_point()]
+            .into_iter()
+            .flatten()
+            .collect();
+        chosen.dedup();
+        let bench = Arc::clone(&self.bench);
+        let mut finger = bench.finger(gpu)?;
+        let mut errors = Vec::new();
+        for (done, k) in chosen.iter().enumerate() {
+            let error = finger.stiffness_error(gpu, self.sites[*k])?;
+            errors.extend(error.map(|error| (*k, error)));
+            report((done + 1) as f64 / chosen.len() as f64)?;
+        }
+        self.errors = errors;
+        Ok(())
+    }
+
     /// Returns the median of the measured stiffnesses, N/m.
     pub fn median(&self) -> Option<f64> {
-        median(self.points.iter().filter_map(MapPoint::stiffness).collect())
+        self.points[self.median_point()?].stiffness()
+    }
+
+    /// Returns the error of the median stiffness, N/m, if [`PressMap::estimate_errors`] found it.
+    pub fn median_error(&self) -> Option<&ErrorParts> {
+        self.error_at(self.median_point()?)
     }
 
     /// Returns the stiffest point.
     pub fn stiffest(&self) -> Option<MapPoint> {
-        let found = self.points.iter().filter(|p| p.stiffness().is_some());
-        let by = |p: &&MapPoint| p.stiffness().unwrap_or(f64::NEG_INFINITY);
-        found.max_by(|a, b| by(a).total_cmp(&by(b))).copied()
+        Some(self.points[self.stiffest_point()?])
+    }
+
+    /// Returns the error of the largest stiffness, N/m, if [`PressMap::estimate_errors`] found it.
+    pub fn stiffest_error(&self) -> Option<&ErrorParts> {
+        self.error_at(self.stiffest_point()?)
+    }
+
+    fn error_at(&self, point: usize) -> Option<&ErrorParts> {
+        let mut errors = self.errors.iter();
+        errors.find(|(k, _)| *k == point).map(|(_, error)| error)
+    }
+
+    /// Returns the numbers of the measured points, from the softest to the stiffest.
+    fn by_stiffness(&self) -> Vec<usize> {
+        let stiffness = |k: &usize| self.points[*k].stiffness();
+        let mut measured: Vec<usize> = (0..self.points.len())
+            .filter(|k| stiffness(k).is_some())
+            .collect();
+        measured.sort_by(|a, b| {
+            let of = |k: &usize| stiffness(k).unwrap_or(f64::NEG_INFINITY);
+            of(a).total_cmp(&of(b))
+        });
+        measured
+    }
+
+    /// Returns the point of the median stiffness, the lower one of an even number.
+    fn median_point(&self) -> Option<usize> {
+        let measured = self.by_stiffness();
+        measured.get(measured.len().saturating_sub(1) / 2).copied()
+    }
+
+    fn stiffest_point(&self) -> Option<usize> {
+        self.by_stiffness().last().copied()
     }
 }
 
