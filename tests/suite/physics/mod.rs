@@ -26,7 +26,7 @@ mod rapier_rigid;
 mod rigid;
 mod rigid_gpu;
 mod simulators;
-mod statics;
+pub mod statics;
 mod steps;
 mod stiffness_and_load;
 mod together;

@@ -4,7 +4,7 @@
 mod beam;
 mod cantilever;
 mod cook;
-mod cylinder;
+pub mod cylinder;
 mod quadratic;
 mod refusals;
 mod twist;
