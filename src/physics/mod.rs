@@ -7,6 +7,7 @@
 //! one workgroup decides whether it is valid, and only then it is committed. Nothing waits for the
 //! CPU; a failure preserves the last valid state until it is queried.
 
+mod adjoint;
 mod bodies;
 mod contact;
 mod cpu;
@@ -76,6 +77,7 @@ pub use simulator::capability::Capability;
 pub use simulator::checkpoint::Checkpointing;
 pub use simulator::contact::Contact;
 pub use simulator::engine::Engine;
+pub use simulator::gradients::{Gradient, Gradients, Parameter, Quantity};
 pub use simulator::joints::Joints;
 pub use simulator::member::{Member, MemberReport};
 pub use simulator::node_positions::NodePositions;

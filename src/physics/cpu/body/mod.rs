@@ -12,6 +12,7 @@ pub(super) mod rigid;
 pub(super) mod scaled_load_tests;
 pub(super) mod simulator;
 pub(super) mod state;
+mod static_adjoint;
 pub(super) mod step;
 mod steppable;
 #[cfg(test)]
