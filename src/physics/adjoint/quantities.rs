@@ -2,12 +2,11 @@
 
 use super::equilibrium::Equilibrium;
 use crate::physics::cpu::AdjointSeed;
-use crate::physics::{DiscreteModel, Discretisation, Element, Quantity};
+use crate::physics::{DiscreteModel, Discretisation, Element, Quantity, outer};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
-/// Step of central differences of stresses, over the length on which they change: the size of the
-/// tet, or the parameter.
+/// Step of central differences of stresses, over the size of the tet.
 const DIFFERENCE_STEP: f64 = 1e-3;
 
 /// A function of the positions `x` of a body (m), at fixed loads.
@@ -15,6 +14,12 @@ pub(super) trait StateFunction {
     /// Returns its value in a body of the model `network`, which has the same elements as the
     /// body's own.
     fn value(&self, body: &Equilibrium<'_>, network: &DiscreteModel, x: &[DVec3]) -> f64;
+
+    /// As [`StateFunction::value`], apart from a constant and from what is of second order in the
+    /// distance from the state of `body`: smooth where the value is a norm.
+    fn linearised(&self, body: &Equilibrium<'_>, network: &DiscreteModel, x: &[DVec3]) -> f64 {
+        self.value(body, network, x)
+    }
 
     /// Returns its derivative by the position of every node, 1/m.
     fn gradient(&self, body: &Equilibrium<'_>) -> Vec<DVec3>;
@@ -109,7 +114,7 @@ pub(super) fn prepare(quantity: &Quantity, body: &Equilibrium<'_>) -> Result<Pre
 }
 
 /// Returns the derivative at 0 of `f` by central differences of fourth order with the step `h`.
-pub(super) fn derivative(f: impl Fn(f64) -> f64, h: f64) -> f64 {
+pub(super) fn derivative(mut f: impl FnMut(f64) -> f64, h: f64) -> f64 {
     (8.0 * (f(h) - f(-h)) - (f(2.0 * h) - f(-2.0 * h))) / (12.0 * h)
 }
 
@@ -140,6 +145,11 @@ struct Distance(usize);
 impl StateFunction for Distance {
     fn value(&self, body: &Equilibrium<'_>, network: &DiscreteModel, x: &[DVec3]) -> f64 {
         x[self.0].distance(network.rest_positions[self.0]) / body.network.length_unit
+    }
+
+    fn linearised(&self, body: &Equilibrium<'_>, network: &DiscreteModel, x: &[DVec3]) -> f64 {
+        let along = self.gradient(body)[self.0];
+        along.dot(x[self.0] - network.rest_positions[self.0])
     }
 
     fn gradient(&self, body: &Equilibrium<'_>) -> Vec<DVec3> {
@@ -215,46 +225,84 @@ impl Stress {
         })
     }
 
-    fn of_element(
+    /// Returns the Cauchy stress, Pa.
+    fn sigma(
         &self,
         body: &Equilibrium<'_>,
         (network, element): (&DiscreteModel, &Element),
         x: &[DVec3],
-    ) -> f64 {
+    ) -> DMat3 {
         let Some(elements) = network.elements() else {
-            return f64::NAN;
+            return DMat3::NAN;
         };
         let f = match elements.order() {
             1 => element.deformation_gradient(&element.node_positions(x)),
             _ => elements.deformation_of_piece(self.element, &body.mesh.tets[self.tet], x),
         };
-        let sigma = element.stress(elements.law, &f, 0.0) * f.transpose() * (1.0 / f.determinant());
-        if let Some([a, b]) = self.along {
-            return a.dot(sigma * b);
-        }
-        let mean = (sigma.x_axis.x + sigma.y_axis.y + sigma.z_axis.z) / 3.0;
-        let s = sigma - DMat3::from_diagonal(DVec3::splat(mean));
-        let square: f64 = (0..3).map(|k| s.col(k).length_squared()).sum();
-        (1.5 * square).sqrt()
+        element.stress(elements.law, &f, 0.0) * f.transpose() * (1.0 / f.determinant())
     }
+
+    /// Returns the stress at the state of `body`.
+    fn current(&self, body: &Equilibrium<'_>) -> DMat3 {
+        let element = &body.network.tets()[self.element];
+        self.sigma(body, (body.network, element), &body.x)
+    }
+
+    /// Returns W, so that the quantity changes by W : dσ from the state of `body`.
+    fn weights(&self, body: &Equilibrium<'_>) -> DMat3 {
+        match self.along {
+            Some([a, b]) => outer(a, b),
+            None => {
+                let sigma = self.current(body);
+                deviator(&sigma) * (1.5 / von_mises(&sigma).max(f64::MIN_POSITIVE))
+            }
+        }
+    }
+}
+
+fn deviator(sigma: &DMat3) -> DMat3 {
+    let mean = (sigma.x_axis.x + sigma.y_axis.y + sigma.z_axis.z) / 3.0;
+    *sigma - DMat3::from_diagonal(DVec3::splat(mean))
+}
+
+fn von_mises(sigma: &DMat3) -> f64 {
+    let s = deviator(sigma);
+    (1.5 * double_dot(&s, &s)).sqrt()
+}
+
+fn double_dot(a: &DMat3, b: &DMat3) -> f64 {
+    (0..3).map(|k| a.col(k).dot(b.col(k))).sum()
 }
 
 impl StateFunction for Stress {
     fn value(&self, body: &Equilibrium<'_>, network: &DiscreteModel, x: &[DVec3]) -> f64 {
-        self.of_element(body, (network, &network.tets()[self.element]), x)
+        let sigma = self.sigma(body, (network, &network.tets()[self.element]), x);
+        match self.along {
+            Some([a, b]) => a.dot(sigma * b),
+            None => von_mises(&sigma),
+        }
+    }
+
+    fn linearised(&self, body: &Equilibrium<'_>, network: &DiscreteModel, x: &[DVec3]) -> f64 {
+        let sigma = self.sigma(body, (network, &network.tets()[self.element]), x);
+        double_dot(&self.weights(body), &sigma)
     }
 
     fn gradient(&self, body: &Equilibrium<'_>) -> Vec<DVec3> {
         let mut gradient = vec![DVec3::ZERO; body.x.len()];
-        let h = DIFFERENCE_STEP * body.network.tets()[self.element].volume.cbrt();
+        let element = &body.network.tets()[self.element];
+        let (h, weights) = (DIFFERENCE_STEP * element.volume.cbrt(), self.weights(body));
+        let mut x = body.x.clone();
         for v in self.nodes.iter().map(|v| *v as usize) {
             for axis in 0..3 {
-                let moved = |by: f64| {
-                    let mut x = body.x.clone();
-                    x[v][axis] += by;
-                    self.value(body, body.network, &x)
-                };
-                gradient[v][axis] = derivative(moved, h);
+                gradient[v][axis] = derivative(
+                    |by| {
+                        x[v][axis] = body.x[v][axis] + by;
+                        double_dot(&weights, &self.sigma(body, (body.network, element), &x))
+                    },
+                    h,
+                );
+                x[v] = body.x[v];
             }
         }
         gradient
@@ -262,18 +310,14 @@ impl StateFunction for Stress {
 
     fn add_lame_slopes(&self, body: &Equilibrium<'_>, slopes: &mut [[f64; 2]]) {
         let element = &body.network.tets()[self.element];
-        for (k, slope) in slopes[self.element].iter_mut().enumerate() {
-            let changed = |by: f64| {
-                let mut other = *element;
-                other.lame_parameters[k] += by;
-                self.of_element(body, (body.network, &other), &body.x)
-            };
-            // Poisson's ratio 0 has λ = 0.
-            let scale = element
-                .lame_parameters
-                .iter()
-                .fold(0.0, |a: f64, b| a.max(*b));
-            *slope += derivative(changed, DIFFERENCE_STEP * scale);
+        let weights = self.weights(body);
+        // The stress is linear in both parameters.
+        let unit = [[1.0, 0.0], [0.0, 1.0]].map(|lame_parameters| Element {
+            lame_parameters,
+            ..*element
+        });
+        for (slope, unit) in slopes[self.element].iter_mut().zip(unit) {
+            *slope += double_dot(&weights, &self.sigma(body, (body.network, &unit), &body.x));
         }
     }
 }

@@ -90,7 +90,7 @@ fn potential(sensitivity: &Sensitivity<'_>, model: &DiscreteModel) -> f64 {
     let (body, solution) = (sensitivity.body, &sensitivity.solution);
     let x = &body.x;
     let own = sensitivity.function.as_ref();
-    let explicit = own.map_or(0.0, |f| f.value(body, model, x));
+    let explicit = own.map_or(0.0, |f| f.linearised(body, model, x));
     let forces = match &model.discretisation {
         Discretisation::Elements(elements) => elements.forces(x),
         Discretisation::Springs(_) => model.static_forces(x, &[]),

@@ -120,3 +120,35 @@ fn gradients_in_self_contact_match_differences() {
             .is_err()
     );
 }
+
+#[test]
+fn friction_has_no_part_at_rest() {
+    // In long steps friction vanishes with the velocity.
+    let mut case = tool_on_bar(Shape::Sphere { radius: 0.02 }, 0.4);
+    let by = tool_parameters();
+    case.check(&[tool_force()], &by, TOLERANCE);
+    // In short ones it holds the body: that is no equilibrium without it.
+    case.dt = 1e-3;
+    let mut settled = case.settle();
+    let refused = case.gradient(&mut settled, &tool_force(), &by);
+    assert!(refused.unwrap_err().to_string().contains("at rest"));
+}
+
+#[test]
+fn gradient_costs_at_most_as_many_iterations_as_equilibrium() {
+    let mut case = tool_on_bar(Shape::Sphere { radius: 0.02 }, 0.0);
+    case.newton = None;
+    case.steps = 6;
+    let mut by = parameters(&case);
+    by.extend(poisson(&case));
+    by.extend(tool_parameters());
+    let mut settled = case.settle();
+    let found = case.gradient(&mut settled, &tool_force(), &by).unwrap();
+    println!("{} of {} iterations", found.iterations, settled.iterations);
+    assert!(found.iterations > 0 && found.iterations <= settled.iterations);
+    // One parameter costs as much as all of them.
+    let one = case
+        .gradient(&mut settled, &tool_force(), &by[..1])
+        .unwrap();
+    assert_eq!(one.iterations, found.iterations);
+}

@@ -96,6 +96,10 @@ fn gradients_with_rigid_region_match_differences() {
     let mut by = parameters(&case);
     // The stiffness of a rigid region has no effect.
     by.remove(1);
+    let inner = by.remove(4);
+    assert!(matches!(inner, Parameter::RestPosition { .. }));
     by.push(poisson(&case).swap_remove(0));
     case.check(&all, &by, TOLERANCE);
+    let mut settled = case.settle();
+    assert!(case.gradient(&mut settled, &all[0], &[inner]).is_err());
 }

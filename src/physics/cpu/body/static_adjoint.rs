@@ -24,7 +24,8 @@ use crate::physics::cpu::rigid::pose::{
 use crate::physics::cpu::runtime::static_adjoint::{
     AdjointSeed, AdjointSolution, StaticAdjoint, TangentParts, ToolSlopes,
 };
-use crate::physics::cpu::term::{StateRef, Term};
+use crate::physics::cpu::springs::term::Springs;
+use crate::physics::cpu::term::{StateRef, Term, find_term};
 use crate::physics::cpu::vectors::{V4, add, outer, scale, sub, to_dvec, to_v4, zero};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -51,6 +52,8 @@ struct Tangent {
     solver: LinearStepSolver<f64>,
     /// Exact Hessians of self-contact less the linearised ones.
     pairs: Vec<PairTangent>,
+    /// Exact blocks of springs less the linearised ones.
+    springs: Vec<([u32; 2], DMat3)>,
     /// For each rigid body: the Hessian by its rotation of the work of constant forces.
     rotations: Vec<DMat3>,
     /// 0 and 1 for every node of the plan.
@@ -107,16 +110,19 @@ impl CpuBody<f64> {
         let pairs = self_contact(&self.terms)
             .filter(|_| parts.pairs)
             .map_or(Vec::new(), |term| term.tangent_corrections(&self.state.u));
+        let springs: Option<&Springs<f64>> = find_term(&self.terms).filter(|_| parts.unprojected);
+        let springs = springs.map_or(Vec::new(), |s| s.tangent_corrections(&self.state.u));
         let rotations = match parts.rotations {
             true => self.rotation_tangents(&still),
             false => Vec::new(),
         };
         let has_loads = parts.loads && self.loads.has_tangent();
         Tangent {
-            is_exact: pairs.is_empty() && rotations.is_empty() && !has_loads,
+            is_exact: pairs.is_empty() && springs.is_empty() && rotations.is_empty() && !has_loads,
             has_loads,
             solver,
             pairs,
+            springs,
             rotations,
             ones: vec![1.0; nodes],
             zeros,
@@ -241,6 +247,12 @@ impl CpuBody<f64> {
                     y[*i as usize] = add(y[*i as usize], to_v4(product));
                 }
             }
+        }
+        for ([i, j], block) in &tangent.springs {
+            let (i, j) = (*i as usize, *j as usize);
+            let product = to_v4(*block * to_dvec(sub(p[i], p[j])));
+            y[i] = add(y[i], product);
+            y[j] = sub(y[j], product);
         }
         if with_loads && tangent.has_loads {
             let with = (&self.state.u[..], p);
