@@ -5,10 +5,9 @@
 //! positions. Implicit steps evaluate it at their start, like all loads: it has no part in the
 //! Hessian.
 
-use super::linear::rigid_modes::cross;
 use super::partition::Partition;
 use super::scalar::Real;
-use super::vectors::{V4, add, add_scaled, from_metres, scale, sub, zero};
+use super::vectors::{V4, add, add_scaled, cross, from_metres, scale, sub, zero};
 use crate::mesh::traction_shares;
 use crate::physics::LocalUnits;
 use glam::DVec3;

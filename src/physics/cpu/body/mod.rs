@@ -6,6 +6,7 @@ pub(super) mod exact_positions;
 pub(super) mod explicit;
 pub(super) mod force_assembly;
 mod force_balance;
+mod freedoms;
 pub(super) mod implicit_step;
 pub(super) mod rigid;
 #[cfg(test)]

@@ -18,9 +18,7 @@ use crate::physics::cpu::implicit::contact_terms::{self_contact, tool_contact};
 use crate::physics::cpu::implicit::linear_step::{LinearStepSolver, StepContext};
 use crate::physics::cpu::linear::cg::{CgTolerance, SystemOperator};
 use crate::physics::cpu::linear::flexible_gmres::flexible_gmres;
-use crate::physics::cpu::rigid::pose::{
-    DegreesOfFreedom, PROXY_NODES, inertia_of, rotation_response,
-};
+use crate::physics::cpu::rigid::pose::PROXY_NODES;
 use crate::physics::cpu::runtime::static_adjoint::{
     AdjointSeed, AdjointSolution, StaticAdjoint, TangentParts, ToolSlopes,
 };
@@ -44,8 +42,9 @@ const ACCEPTED_RESIDUAL: f64 = 1e-8;
 const EXACT_TOLERANCE: f64 = 1e-12;
 const CORRECTED_TOLERANCE: f64 = 1e-4;
 
-/// Largest number of conjugate gradient solves.
+/// Largest number of conjugate gradient solves, and of the iterations of one.
 const MAX_SOLVES: usize = 200;
+const MAX_ITERATIONS: u32 = 100_000;
 
 /// The tangent of a body at its state.
 struct Tangent {
@@ -163,68 +162,6 @@ impl CpuBody<f64> {
         tangents.collect()
     }
 
-    /// Returns the number of soft nodes in the plan.
-    fn soft_nodes(&self) -> usize {
-        let first = self.newton.as_ref().map_or(usize::MAX, |n| n.rigid.first);
-        first.min(self.plan.nodes())
-    }
-
-    /// Returns the displacements of all slots for the degrees of freedom `x`: three of each soft
-    /// node, then a translation and a rotation of each rigid body.
-    fn prolong_freedoms(&self, x: &[f64]) -> Vec<V4<f64>> {
-        let soft = self.soft_nodes();
-        let mut p = vec![zero(); self.state.u.len()];
-        for (i, x) in x.chunks_exact(3).take(soft).enumerate() {
-            p[i] = scale(self.free_mask[i], [x[0], x[1], x[2], 0.0]);
-        }
-        let Some(newton) = &self.newton else {
-            return p;
-        };
-        let rigid = &newton.rigid;
-        let motions = x[3 * soft..].chunks_exact(6);
-        for ((body, pose), m) in rigid.bodies.iter().zip(&rigid.now).zip(motions) {
-            let (pivot, within) = body.pivot(pose);
-            let shift = match body.freedom {
-                DegreesOfFreedom::Free => DVec3::new(m[0], m[1], m[2]),
-                _ => DVec3::ZERO,
-            };
-            let turn = within * DVec3::new(m[3], m[4], m[5]);
-            for i in body.nodes.clone().chain(body.inner.clone()) {
-                let arm = pose.rotation * (rigid.lever_arms[i - rigid.first] - pivot);
-                p[i] = to_v4(shift + turn.cross(arm));
-            }
-        }
-        p
-    }
-
-    /// Returns the transpose of [`CpuBody::prolong_freedoms`] times the forces `f` on all slots.
-    fn restrict_forces(&self, f: &[V4<f64>]) -> Vec<f64> {
-        let soft = self.soft_nodes();
-        let mut x = Vec::with_capacity(3 * soft);
-        for (f, free) in f[..soft].iter().zip(&self.free_mask) {
-            x.extend(f[..3].iter().map(|f| free * f));
-        }
-        let Some(newton) = &self.newton else {
-            return x;
-        };
-        let rigid = &newton.rigid;
-        for (body, pose) in rigid.bodies.iter().zip(&rigid.now) {
-            let (pivot, within) = body.pivot(pose);
-            let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
-            for i in body.nodes.clone().chain(body.inner.clone()) {
-                let arm = pose.rotation * (rigid.lever_arms[i - rigid.first] - pivot);
-                sum += to_dvec(f[i]);
-                moment += arm.cross(to_dvec(f[i]));
-            }
-            if body.freedom != DegreesOfFreedom::Free {
-                sum = DVec3::ZERO;
-            }
-            x.extend(sum.to_array());
-            x.extend((within * moment).to_array());
-        }
-        x
-    }
-
     /// Returns Kᵀ p for displacements of all slots, with or without the loads' part.
     fn multiply_tangent(&self, tangent: &Tangent, p: &[V4<f64>], with_loads: bool) -> Vec<V4<f64>> {
         let nodes = self.plan.nodes();
@@ -287,28 +224,7 @@ impl CpuBody<f64> {
     /// Solves approximately for the degrees of freedom under the forces `r` on them, with the part
     /// of K that the terms linearise; `None` if it is not positive definite.
     fn precondition(&self, tangent: &mut Tangent, r: &[f64]) -> Option<Vec<f64>> {
-        let (soft, nodes) = (self.soft_nodes(), self.plan.nodes());
-        let mut f = vec![zero(); nodes];
-        for (f, r) in f.iter_mut().zip(r.chunks_exact(3)).take(soft) {
-            *f = [r[0], r[1], r[2], 0.0];
-        }
-        let rigid = self.newton.as_ref().map(|n| &n.rigid);
-        for (b, r) in r[3 * soft..].chunks_exact(6).enumerate() {
-            let rigid = rigid?;
-            let (body, pose) = (&rigid.bodies[b], &rigid.now[b]);
-            let (pivot, _) = body.pivot(pose);
-            let (force, mut moment) = (DVec3::new(r[0], r[1], r[2]), DVec3::new(r[3], r[4], r[5]));
-            // The proxy nodes lie around the centre.
-            moment -= (pose.rotation * -pivot).cross(force);
-            let arm = |i: usize| pose.rotation * rigid.lever_arms[i - rigid.first];
-            let inertia = body
-                .proxy_nodes()
-                .fold(DMat3::ZERO, |sum, i| sum + inertia_of(arm(i)));
-            let turn = inertia.inverse() * moment;
-            for i in body.proxy_nodes() {
-                f[i] = to_v4(force / PROXY_NODES as f64 + turn.cross(arm(i)));
-            }
-        }
+        let f = self.spread_forces(r);
         tangent.solver.solver.residual.copy_from_slice(&f);
         let context = StepContext {
             plan: &self.plan,
@@ -338,45 +254,15 @@ impl CpuBody<f64> {
         let stop = CgTolerance {
             tolerance,
             floor: 0.0,
-            max_iterations: 100 * nodes as u32 + 1000,
+            max_iterations: MAX_ITERATIONS,
         };
         let found = tangent.solver.solve_from_zero(&matrix, start, stop);
         tangent.iterations += found.iterations;
         if found.indefinite {
             return None;
         }
-        Some(self.read_freedoms(&tangent.solver.solver.solution))
-    }
-
-    /// Returns the degrees of freedom that move the nodes of the plan by `p`, times h².
-    fn read_freedoms(&self, p: &[V4<f64>]) -> Vec<f64> {
-        let soft = self.soft_nodes();
-        let by = STEP * STEP;
-        let mut x = Vec::with_capacity(3 * soft);
-        for p in &p[..soft] {
-            x.extend(p[..3].iter().map(|p| by * p));
-        }
-        let Some(newton) = &self.newton else {
-            return x;
-        };
-        let rigid = &newton.rigid;
-        for (body, pose) in rigid.bodies.iter().zip(&rigid.now) {
-            let (pivot, within) = body.pivot(pose);
-            let (mut sum, mut moment, mut inertia) = (DVec3::ZERO, DVec3::ZERO, DMat3::ZERO);
-            let is_free = body.freedom == DegreesOfFreedom::Free;
-            let arm = |i: usize| pose.rotation * (rigid.lever_arms[i - rigid.first] - pivot);
-            for i in body.proxy_nodes() {
-                let moved = by * to_dvec(p[i]);
-                sum += moved;
-                moment += arm(i).cross(moved);
-                inertia += inertia_of(arm(i));
-            }
-            // A free body has its centre as pivot.
-            let shift = if is_free { sum } else { DVec3::ZERO } / PROXY_NODES as f64;
-            x.extend(shift.to_array());
-            x.extend((within * rotation_response(inertia, moment, within)).to_array());
-        }
-        x
+        let solution = &tangent.solver.solver.solution;
+        Some(self.read_freedoms(solution, STEP * STEP))
     }
 
     /// Returns vectors in the network's order as those of the slots, divided by `unit`.
@@ -410,9 +296,7 @@ impl CpuBody<f64> {
         let mut terms_only = vec![zero(); slots];
         if let (Some((b, direction)), Some(newton)) = (&seed.region, &self.newton) {
             let body = &newton.rigid.bodies[*b];
-            for i in body.nodes.start..body.nodes.end - PROXY_NODES {
-                terms_only[i] = to_v4(*direction);
-            }
+            terms_only[body.nodes.start..body.nodes.end - PROXY_NODES].fill(to_v4(*direction));
         }
         for (p, with_loads) in [(&both, true), (&terms_only, false)] {
             if p.iter().any(|p| *p != [0.0; 4]) {
@@ -445,7 +329,7 @@ impl CpuBody<f64> {
         };
         let loads = sum(&z, &both);
         let terms = sum(&loads, &terms_only);
-        Ok(self.collect_derivatives(tangent, (terms, loads, supports), seed))
+        Ok(self.collect_derivatives(tangent, [terms, loads, supports], seed))
     }
 
     /// Solves for the adjoint degrees of freedom.
@@ -473,7 +357,7 @@ impl CpuBody<f64> {
     fn collect_derivatives(
         &self,
         tangent: &Tangent,
-        (terms, loads, supports): (Vec<V4<f64>>, Vec<V4<f64>>, Vec<V4<f64>>),
+        [terms, loads, supports]: [Vec<V4<f64>>; 3],
         seed: &AdjointSeed,
     ) -> AdjointSolution {
         let units = self.units;
