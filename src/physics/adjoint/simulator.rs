@@ -2,7 +2,9 @@
 
 use super::equilibrium::{Equilibrium, MeasuredForces, check_balance, elements_of_tets};
 use super::parameters::gradient;
-use crate::physics::{CpuTets, Gradient, Gradients, Parameter, Quantity, ScaledLoad, Simulator};
+use crate::physics::{
+    CpuTets, Gradient, Gradients, Parameter, Precision, Quantity, ScaledLoad, Simulator,
+};
 use crate::{Error, Result};
 
 impl Gradients for CpuTets {
@@ -12,6 +14,9 @@ impl Gradients for CpuTets {
                 "a gradient requires an implicit scheme, not {}; use --solver implicit",
                 self.model.kind
             )));
+        }
+        if self.model.precision != Precision::Double {
+            return Err(single_precision());
         }
         self.sync_loads()?;
         self.finish()?;
@@ -48,11 +53,15 @@ impl Gradients for CpuTets {
             },
         };
         let Some(adjoint) = body.static_adjoint() else {
-            return Err(Error::Input(
-                "gradients require double precision; use --precision double".into(),
-            ));
+            return Err(single_precision());
         };
         let found = gradient(&equilibrium, adjoint, quantity, parameters)?;
         Ok(Gradient { imbalance, ..found })
     }
+}
+
+fn single_precision() -> Error {
+    Error::Input(
+        "a gradient requires double precision; create the body with Precision::Double".into(),
+    )
 }

@@ -31,7 +31,7 @@ pub struct CpuTetModel {
     pub(in crate::physics) tools: Vec<Tool>,
     pub(in crate::physics) self_contact: Option<SelfContactSettings>,
     pub(super) inversion_allowed: bool,
-    pub(super) precision: Precision,
+    pub(in crate::physics) precision: Precision,
 }
 
 /// The state of a [`CpuTets`].
