@@ -9,6 +9,7 @@ mod material_tests;
 
 use super::equilibrium::{Equilibrium, MeasuredForces, check_balance, elements_of_tets};
 use super::parameters::gradient;
+use super::quantities::{PreparedQuantity, prepare};
 use crate::generate::{Split, box_mesh};
 use crate::mesh::{Field, Location, TetMesh, Topology, traction_shares};
 use crate::physics::cpu::{
@@ -157,7 +158,7 @@ impl Case {
     fn terms(&self) -> Vec<Arc<dyn NodeTerm>> {
         let floor = self.floor.iter();
         floor
-            .map(|floor| Arc::new(floor.clone()) as Arc<dyn NodeTerm>)
+            .map(|floor| Arc::new(*floor) as Arc<dyn NodeTerm>)
             .collect()
     }
 
@@ -223,31 +224,21 @@ impl Case {
         }
     }
 
-    /// Returns the gradient at the settled state, with these parts of the tangent.
-    pub fn gradient_with(
-        &self,
-        settled: &mut Settled,
-        quantity: &Quantity,
-        parameters: &[Parameter],
-        parts: TangentParts,
-    ) -> crate::Result<Gradient> {
-        let Settled {
-            body,
-            network,
-            faces,
-            ..
-        } = settled;
-        let balance = TetBody::force_balance(body, &network.nodal_stiffness());
-        let imbalance = check_balance(&balance)?;
-        let terms = self.terms();
-        let tools: Vec<Tool> = self.tool.iter().cloned().collect();
+    /// Returns the body at rest.
+    fn equilibrium<'a>(
+        &'a self,
+        body: &CpuBody<f64>,
+        (network, faces): (&'a DiscreteModel, &'a [[u32; 3]]),
+        terms: &'a [Arc<dyn NodeTerm>],
+        tools: &'a [Tool],
+    ) -> Equilibrium<'a> {
         let muscles = self.muscle.iter().map(|(muscle, a)| (muscle, *a));
-        let equilibrium = Equilibrium {
+        Equilibrium {
             mesh: &self.mesh,
             material: &self.material,
             network,
-            terms: &terms,
-            tools: &tools,
+            terms,
+            tools,
             faces,
             muscles: muscles.collect(),
             has_self_contact: self.self_contact.is_some(),
@@ -262,12 +253,45 @@ impl Case {
                 nodes: body.forces(),
                 rigid: body.rigid_forces(),
             },
-        };
-        let mut adjoint = WithParts(body, parts);
-        let found = gradient(&equilibrium, &mut adjoint, quantity, parameters)?;
-        Ok(Gradient { imbalance, ..found })
+        }
     }
 
+    /// Returns the values of quantities at the settled state.
+    fn values(&self, settled: &Settled, quantities: &[Quantity]) -> Vec<f64> {
+        let terms = self.terms();
+        let tools: Vec<Tool> = self.tool.iter().cloned().collect();
+        let of_model = (&settled.network, &settled.faces[..]);
+        let body = self.equilibrium(&settled.body, of_model, &terms, &tools);
+        let value = |quantity: &Quantity| match prepare(quantity, &body).unwrap() {
+            PreparedQuantity::Force(_, value) => value,
+            PreparedQuantity::Function(f) => f.value(&body, body.network, &body.x),
+        };
+        quantities.iter().map(value).collect()
+    }
+
+    /// Returns the gradient at the settled state, with these parts of the tangent.
+    pub fn gradient_with(
+        &self,
+        settled: &mut Settled,
+        quantity: &Quantity,
+        parameters: &[Parameter],
+        parts: TangentParts,
+    ) -> crate::Result<Gradient> {
+        let balance = TetBody::force_balance(&settled.body, &settled.network.nodal_stiffness());
+        let imbalance = check_balance(&balance)?;
+        let terms = self.terms();
+        let tools: Vec<Tool> = self.tool.iter().cloned().collect();
+        let Settled {
+            body,
+            network,
+            faces,
+            ..
+        } = settled;
+        let equilibrium = self.equilibrium(body, (network, faces), &terms, &tools);
+        let mut body = WithParts(body, parts);
+        let found = gradient(&equilibrium, &mut body, quantity, parameters)?;
+        Ok(Gradient { imbalance, ..found })
+    }
     pub fn gradient(
         &self,
         settled: &mut Settled,
@@ -343,9 +367,7 @@ impl Case {
             let h = Self::step(parameter);
             let values = [-2.0, -1.0, 1.0, 2.0].map(|by| {
                 let case = self.changed(parameter, by * h);
-                let mut settled = case.settle();
-                let value = |q: &Quantity| case.gradient(&mut settled, q, &[]).unwrap().value;
-                quantities.iter().map(value).collect::<Vec<_>>()
+                case.values(&case.settle(), quantities)
             });
             for (q, derivatives) in all.iter_mut().enumerate() {
                 let [a, b, c, d] = [0, 1, 2, 3].map(|k| values[k][q]);
