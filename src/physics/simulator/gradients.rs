@@ -143,7 +143,7 @@ pub trait Gradients {
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if the body is not at rest or not stable, is not
-    /// stepped by an implicit scheme in double precision, or for an unknown node, tet, tool or
-    /// region; [`Error::Solver`](crate::Error::Solver) if the linear solve does not converge.
+    /// stepped by an implicit scheme in double precision, for an unknown node, tet, tool or region,
+    /// and if the linear solve does not converge.
     fn gradient(&mut self, quantity: &Quantity, parameters: &[Parameter]) -> Result<Gradient>;
 }
