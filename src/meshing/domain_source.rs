@@ -102,7 +102,7 @@ fn thin_notes(domain: &LabelDomain) -> Vec<String> {
 }
 
 /// The domain described by a meshing configuration.
-pub struct DomainDescription<'a> {
+pub(crate) struct DomainDescription<'a> {
     /// The domain.
     pub domain: &'a dyn Domain,
     /// The label of each region.
@@ -144,7 +144,10 @@ impl MeshingConfig {
     ///
     /// # Errors
     /// As [`MeshingConfig::mesh`], and the errors of `use_`.
-    pub fn with_domain<R>(&self, use_: impl FnOnce(DomainDescription) -> Result<R>) -> Result<R> {
+    pub(crate) fn with_domain<R>(
+        &self,
+        use_: impl FnOnce(DomainDescription) -> Result<R>,
+    ) -> Result<R> {
         let Some(first) = self.input.first() else {
             return Err(Error::Input(
                 "no input to mesh; give a volume, a surface or a mesh".into(),

@@ -8,7 +8,6 @@ mod recipe;
 #[cfg_attr(target_arch = "wasm32", path = "tetgen_absent.rs")]
 mod tetgen;
 
-pub use domain_source::DomainDescription;
 pub use recipe::{
     Labels, MeshingConfig, MeshingResult, RecipeReport, RegionSummary, TargetSize, mesh_file,
 };

@@ -7,6 +7,7 @@
 //! one workgroup decides whether it is valid, and only then it is committed. Nothing waits for the
 //! CPU; a failure preserves the last valid state until it is queried.
 
+mod adjoint;
 mod bodies;
 mod contact;
 mod cpu;
@@ -35,6 +36,7 @@ pub use cpu::{CpuGrid, CpuTets, Precision};
 pub(crate) use cpu::{CpuGridState, CpuState, outer};
 pub use engine_choice::EngineChoice;
 pub use fields::BodyField;
+pub(crate) use gpu::ExplicitEuler;
 pub use gpu::body::GpuBody;
 pub use gpu::grid::body::GridBody;
 pub use gpu::grid::cut::GridCut;
@@ -45,14 +47,14 @@ pub(crate) use gpu::simulator::TetState;
 pub use gpu::solver::Solver;
 pub(crate) use gpu::state::{BodyState, SolverState};
 pub use gpu::stepper::Stepper;
-pub use gpu::{ExplicitEuler, ImplicitEuler, SymplecticEuler, VelocityVerlet, Verlet, integrator};
+pub use gpu::{ImplicitEuler, SymplecticEuler, VelocityVerlet, Verlet, integrator};
 pub use loads::Loads;
 pub use loads::force_balance::ForceBalance;
 pub use loads::grab::{GrabId, GrabMode};
 pub use loads::prescribed_motion::PrescribedMotionId;
 pub use loads::reactions::{GrabbedNode, Reaction};
 pub use loads::scaled_load::{AmplitudeId, Muscle, ScaledLoad};
-pub use model::clamped_end::ClampedEnd;
+pub(crate) use model::clamped_end::ClampedEnd;
 pub use model::discrete_model::DiscreteModel;
 pub use model::discretisation::{Discretisation, Edge, SpringNetwork};
 pub use model::elements::{ConstitutiveModel, Element, Elements};
@@ -63,7 +65,6 @@ pub use model::joint::{Joint, JointKind};
 pub use model::material::{Damping, Material, MaterialModel, RegionMaterial, Stiffness};
 pub use model::nodal_volume::VolumetricFormulation;
 pub use model::node_term::NodeTerm;
-pub use model::quadratic::MidEdges;
 pub use model::rigid_region::RigidBody;
 pub use model::solver_kind::SolverKind;
 pub use model::solver_settings::CgSettings;
@@ -76,6 +77,7 @@ pub use simulator::capability::Capability;
 pub use simulator::checkpoint::Checkpointing;
 pub use simulator::contact::Contact;
 pub use simulator::engine::Engine;
+pub use simulator::gradients::{Gradient, Gradients, Parameter, Quantity};
 pub use simulator::joints::Joints;
 pub use simulator::member::{Member, MemberReport};
 pub use simulator::node_positions::NodePositions;

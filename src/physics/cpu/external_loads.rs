@@ -4,7 +4,7 @@ use super::node_constraints::NodeConstraint;
 use super::partition::Partition;
 use super::pressure::Pressure;
 use super::scalar::Real;
-use super::vectors::{V4, add, from_metres, scale, sub, zero};
+use super::vectors::{V4, add, add_scaled, from_metres, scale, sub, zero};
 use crate::physics::LocalUnits;
 use glam::DVec3;
 
@@ -127,6 +127,40 @@ impl<T: Real> ExternalLoads<T> {
 }
 
 impl<T: Real> ExternalLoads<T> {
+    /// Whether any load depends on the displacements.
+    pub fn has_tangent(&self) -> bool {
+        !(self.target_springs.is_empty() && self.pressures.is_empty())
+    }
+
+    /// Subtracts (∂f/∂u)ᵀ y from `out`, with f the loads at the displacements `u`.
+    pub fn subtract_transposed_tangent(
+        &self,
+        plan: &Partition,
+        (u, y): (&[V4<T>], &[V4<T>]),
+        out: &mut [V4<T>],
+    ) {
+        for spring in &self.target_springs {
+            let i = spring.node;
+            out[i] = add(out[i], spring.stiffness_product(u, y[i]));
+        }
+        for pressure in &self.pressures {
+            pressure.subtract_transposed_tangent(plan, (u, y), out);
+        }
+    }
+
+    /// Adds the forces of the pressures alone at the displacements `u`, for amplitudes other than
+    /// the present ones.
+    pub fn add_pressures_at(&self, plan: &Partition, levels: &[f64], u: &[V4<T>], f: &mut [V4<T>]) {
+        for pressure in &self.pressures {
+            let mut other = pressure.clone();
+            other.set_amplitude(levels);
+            for chunk in 0..plan.chunks() {
+                let own = plan.range(chunk);
+                other.add_forces(chunk, own.start, u, &mut f[own]);
+            }
+        }
+    }
+
     /// Returns the power of the loads on a chunk's nodes, which move with `v`.
     pub fn power(
         &self,
@@ -164,6 +198,19 @@ impl<T: Real> ExternalLoads<T> {
 }
 
 impl<T: Real> NodeTargetSpring<T> {
+    /// Returns minus the derivative of the force at the displacements `u`, times p.
+    fn stiffness_product(&self, u: &[V4<T>], p: V4<T>) -> V4<T> {
+        let pull = scale(self.stiffness, sub(self.to, u[self.node]));
+        let square = pull[0] * pull[0] + pull[1] * pull[1] + pull[2] * pull[2];
+        if square.sqrt() <= self.limit {
+            return scale(self.stiffness, p);
+        }
+        // At its limit a spring resists rotation only.
+        let along = (pull[0] * p[0] + pull[1] * p[1] + pull[2] * p[2]) / square;
+        let by = self.stiffness * self.limit / square.sqrt();
+        scale(by, add_scaled(p, -along, pull))
+    }
+
     /// Returns the force at the displacements `u`.
     fn spring_force(&self, u: &[V4<T>]) -> V4<T> {
         let pull = scale(self.stiffness, sub(self.to, u[self.node]));

@@ -24,21 +24,31 @@ mod vectors;
 #[cfg(feature = "rapier")]
 pub(super) use body::tools::count_intersecting_faces;
 pub(super) use contact::boundary_surface::BoundarySurface;
+pub(super) use contact::parameters::face_stiffness_transpose;
 pub(super) use contact::parameters::{
     STATIC_FRICTION_SPEED, check_contact, face_stiffnesses, tool_gap,
 };
 pub(super) use contact::reference::ReferenceToolContact;
+#[cfg(any(test, feature = "rapier"))]
+pub(super) use node_constraints::NodeConstraint;
 #[cfg(feature = "rapier")]
-pub(super) use node_constraints::{NodeConstraint, check_attachments};
+pub(super) use node_constraints::check_attachments;
 #[cfg(feature = "rapier")]
 pub(super) use rigid::closest_rotation::closest_rotation;
 #[cfg(feature = "rapier")]
 pub(super) use runtime::energy_guard::StepFailure;
+#[cfg(test)]
+pub(super) use runtime::static_adjoint::TangentParts;
+pub(super) use runtime::static_adjoint::{AdjointSeed, AdjointSolution, StaticAdjoint};
+#[cfg(test)]
+pub(super) use runtime::steppable::TetBody;
 #[cfg(feature = "rapier")]
 pub(super) use runtime::steppable::{LoadUpdate, Steppable, ToolTarget};
 #[cfg(feature = "rapier")]
 pub(super) use runtime::threaded_simulator::{BodyModel, ThreadedSimulator};
 
+#[cfg(test)]
+pub(super) use body::CpuBody;
 pub(crate) use body::tets::CpuState;
 pub use body::tets::CpuTets;
 pub use grid::simulator::CpuGrid;

@@ -7,7 +7,7 @@
 
 use super::partition::Partition;
 use super::scalar::Real;
-use super::vectors::{V4, add, from_metres, scale, sub};
+use super::vectors::{V4, add, add_scaled, cross, from_metres, scale, sub, zero};
 use crate::mesh::traction_shares;
 use crate::physics::LocalUnits;
 use glam::DVec3;
@@ -112,6 +112,35 @@ impl<T: Real> Pressure<T> {
                 *f = add(*f, share);
             }
         });
+    }
+
+    /// Subtracts (∂f/∂u)ᵀ y from `out`, with f the forces at the displacements `u`: the load follows
+    /// the normals, so that ∂f/∂u is not symmetric unless the surface is closed.
+    pub fn subtract_transposed_tangent(
+        &self,
+        plan: &Partition,
+        (u, y): (&[V4<T>], &[V4<T>]),
+        out: &mut [V4<T>],
+    ) {
+        for (chunk, faces) in self.chunks.iter().enumerate() {
+            let own = plan.range(chunk);
+            for face in faces {
+                let [a, b, c] = face.nodes.map(|v| u[v as usize]);
+                let (e, d) = (add(face.edges[0], sub(b, a)), add(face.edges[1], sub(c, a)));
+                // Each chunk has the shares of its own nodes.
+                let mut sum = zero();
+                for (v, share) in face.nodes.iter().zip(face.shares) {
+                    if own.contains(&(*v as usize)) {
+                        sum = add_scaled(sum, self.half_pressure * share, y[*v as usize]);
+                    }
+                }
+                let (by_e, by_d) = (cross(d, sum), cross(sum, e));
+                let [first, second, third] = face.nodes.map(|v| v as usize);
+                out[first] = sub(out[first], add(by_e, by_d));
+                out[second] = add(out[second], by_e);
+                out[third] = add(out[third], by_d);
+            }
+        }
     }
 
     /// Returns the power on the nodes of a chunk, which move with `v`.

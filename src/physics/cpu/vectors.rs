@@ -59,6 +59,17 @@ pub fn dot_f64<T: Real>(a: V4<T>, b: V4<T>) -> f64 {
     sum_f64([a[0] * b[0], a[1] * b[1], a[2] * b[2], T::ZERO])
 }
 
+/// Returns a × b.
+#[inline(always)]
+pub fn cross<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+        T::ZERO,
+    ]
+}
+
 /// Returns m a.
 #[inline(always)]
 pub fn apply<T: Real>(m: &Mat3Columns<T>, a: V4<T>) -> V4<T> {

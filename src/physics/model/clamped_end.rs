@@ -13,7 +13,7 @@ const MIN_CLAMPED_NODES: usize = 3;
 
 /// A clamped end of a body.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ClampedEnd {
+pub(crate) struct ClampedEnd {
     /// Its nodes.
     pub nodes: Vec<u32>,
     /// Its normal axis: 0, 1 or 2.

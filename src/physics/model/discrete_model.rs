@@ -74,7 +74,7 @@ impl DiscreteModel {
     /// Chooses the clamped end of a body without supports, for loads in the direction `down`: a
     /// flat end, or the one it stands on; see [`ClampedEnd::of_largest_component`]. Also returns
     /// the number of components.
-    pub fn find_clamped_end(&self, down: DVec3) -> (ClampedEnd, usize) {
+    pub(crate) fn find_clamped_end(&self, down: DVec3) -> (ClampedEnd, usize) {
         let edges = self.edge_nodes();
         ClampedEnd::of_largest_component(&self.rest_positions, &self.masses, edges, down)
     }

@@ -72,7 +72,7 @@ pub struct Elements {
     /// corners as nodes.
     pub tets: Vec<Element>,
     /// The other nodes of each ten-node tet; empty in a body of order 1.
-    pub mid_edges: Vec<MidEdges>,
+    pub(crate) mid_edges: Vec<MidEdges>,
     /// The rigid bodies.
     pub rigid: Vec<RigidBody>,
     /// α of Rayleigh damping, 1/s: a force −α m v on every node. The stiffness-proportional part is

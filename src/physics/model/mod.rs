@@ -17,5 +17,6 @@ pub(super) mod rigid_region;
 pub(super) mod solver_kind;
 pub(super) mod solver_settings;
 pub(super) mod static_forces;
+pub(super) mod stiffness_numbers;
 pub(super) mod tissue;
 pub(super) mod units;

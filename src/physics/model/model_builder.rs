@@ -241,6 +241,39 @@ impl<F: Fn(usize) -> RegionMaterial + Sync> ModelBuilder<'_, F> {
         Ok(())
     }
 
+    /// The number in the material that is the stiffness of each tet, without factors.
+    pub(super) fn stiffness_numbers(&self) -> Vec<f64> {
+        let tets = 0..self.mesh.tets.len();
+        tets.map(|t| (self.material_of_tet)(t).stiffness).collect()
+    }
+
+    /// The derivative of the stiffness of the edge between two nodes by the stiffness number of each
+    /// incident tet.
+    pub(super) fn edge_shares(
+        &self,
+        nodes: [u32; 2],
+        tets: &[([u32; 2], u32)],
+        rest: &[DVec3],
+    ) -> Vec<(u32, f64)> {
+        let [i, j] = nodes.map(|v| v as usize);
+        let over = match self.material.stiffness {
+            Stiffness::Young(_) => rest[i].distance_squared(rest[j]),
+            Stiffness::Uniform(_) => tets.iter().map(|t| self.volume(t.1 as usize)).sum(),
+        };
+        let factor = self.node_factor(&nodes);
+        let of_tet = |t: u32| {
+            let own = match &self.factors {
+                Some(Factors::Cells(factors)) => factors[t as usize],
+                _ => 1.0,
+            };
+            match over > 0.0 {
+                true => factor * own * self.volume(t as usize) / over,
+                false => 0.0,
+            }
+        };
+        tets.iter().map(|(_, t)| (*t, of_tet(*t))).collect()
+    }
+
     /// The edges, given as a sorted list with every incident tet.
     pub(super) fn edges(&self, around: &[([u32; 2], u32)], rest: &[DVec3]) -> Result<Vec<Edge>> {
         let groups: Vec<&[([u32; 2], u32)]> = around.chunk_by(|a, b| a.0 == b.0).collect();

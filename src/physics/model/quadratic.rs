@@ -21,7 +21,7 @@ pub(crate) const QUADRATIC_NODES: usize = 10;
 
 /// The nodes of a ten-node tet in the middle of its edges, in the order of [`TET_EDGES`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MidEdges {
+pub(crate) struct MidEdges {
     /// Node of each edge.
     pub nodes: [u32; 6],
     /// Rest position of each node relative to the middle of the edge's chord, m: zero for a straight

@@ -21,6 +21,8 @@ pub enum Capability {
     Joints,
     /// States that can be saved and restored.
     Checkpoints,
+    /// Gradients of quantities by parameters.
+    Gradients,
 }
 
 impl Capability {
@@ -49,6 +51,11 @@ impl Capability {
             Capability::Joints => {
                 return Error::Input(
                     "joints are supported by rapier only; use --engine rapier (a build with the feature `rapier`), or remove [[joint]]".into(),
+                );
+            }
+            Capability::Gradients => {
+                return Error::Input(
+                    "gradients are available for a tet body on the CPU only; use --engine cpu, without [grid] or [cage], and one body in the scene".into(),
                 );
             }
             Capability::Checkpoints => {

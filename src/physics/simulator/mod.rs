@@ -4,6 +4,7 @@ pub(super) mod capability;
 pub(super) mod checkpoint;
 pub(super) mod contact;
 pub(super) mod engine;
+pub(super) mod gradients;
 pub(super) mod helpers;
 pub(super) mod joints;
 pub(super) mod member;
@@ -18,8 +19,8 @@ pub(super) mod time_step;
 
 use super::{
     Capability, CgSettings, Checkpointing, Contact, DiscreteModel, Engine, ForceBalance, GrabId,
-    GrabMode, GrabbedNode, Joints, Loads, Member, NodePositions, NodeTerm, PrescribedMotionId,
-    Reactions, Report, ScaledLoads, SolverKind, StepProgress,
+    GrabMode, GrabbedNode, Gradients, Joints, Loads, Member, NodePositions, NodeTerm,
+    PrescribedMotionId, Reactions, Report, ScaledLoads, SolverKind, StepProgress,
 };
 use crate::gpu::{Array, Recorder};
 use crate::mesh::{Blade, TetCut, TetMesh, Topology};
@@ -304,6 +305,12 @@ pub trait Simulator: Send {
 
     /// Pressures and muscles, of tetrahedral bodies on the CPU; `None` for other bodies.
     fn scaled_loads(&mut self) -> Option<&mut dyn ScaledLoads> {
+        None
+    }
+
+    /// Gradients of quantities by parameters, of tetrahedral bodies on the CPU; `None` for other
+    /// bodies.
+    fn gradients(&mut self) -> Option<&mut dyn Gradients> {
         None
     }
 

@@ -14,6 +14,7 @@ mod extremes;
 mod failures;
 mod floors;
 mod grabs;
+mod gradients;
 mod grids;
 mod integrators;
 mod invariance;

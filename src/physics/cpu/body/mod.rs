@@ -6,12 +6,14 @@ pub(super) mod exact_positions;
 pub(super) mod explicit;
 pub(super) mod force_assembly;
 mod force_balance;
+mod freedoms;
 pub(super) mod implicit_step;
 pub(super) mod rigid;
 #[cfg(test)]
 pub(super) mod scaled_load_tests;
 pub(super) mod simulator;
 pub(super) mod state;
+mod static_adjoint;
 pub(super) mod step;
 mod steppable;
 #[cfg(test)]

@@ -9,6 +9,7 @@ use crate::physics::cpu::runtime::threaded_simulator::BodyModel;
 use crate::physics::cpu::runtime::worker::StepClock;
 use crate::physics::simulator::checkpoint::Checkpointing;
 use crate::physics::simulator::contact::Contact;
+use crate::physics::simulator::gradients::Gradients;
 use crate::physics::simulator::reactions::Reactions;
 use crate::physics::simulator::scaled_loads::ScaledLoads;
 use crate::physics::{
@@ -154,6 +155,10 @@ impl BodyModel for CpuTetModel {
     }
 
     fn scaled_loads(simulator: &mut CpuTets) -> Option<&mut dyn ScaledLoads> {
+        Some(simulator)
+    }
+
+    fn gradients(simulator: &mut CpuTets) -> Option<&mut dyn Gradients> {
         Some(simulator)
     }
 

@@ -45,7 +45,7 @@ pub(in crate::physics::cpu) struct BodyState<T> {
 
 impl<T: Real> CpuBody<T> {
     /// The state.
-    pub fn state(&self) -> BodyState<T> {
+    pub(in crate::physics::cpu) fn state(&self) -> BodyState<T> {
         let implicit = self.implicit.as_ref();
         BodyState {
             u: self.state.u.clone(),
@@ -81,7 +81,7 @@ impl<T: Real> CpuBody<T> {
     ///
     /// # Errors
     /// [`Error::Input`] for the state of another body.
-    pub fn resume(&mut self, state: &BodyState<T>) -> Result<()> {
+    pub(in crate::physics::cpu) fn resume(&mut self, state: &BodyState<T>) -> Result<()> {
         if !self.fits(state) {
             return Err(Error::Input(
                 "the saved state is of another body, or damaged".into(),

@@ -5,6 +5,7 @@ use crate::Result;
 use crate::physics::cpu::node_terms::NodeTerms;
 use crate::physics::cpu::pressure::LoadedFace;
 use crate::physics::cpu::runtime::energy_guard::StepFailure;
+use crate::physics::cpu::runtime::static_adjoint::StaticAdjoint;
 use crate::physics::cpu::runtime::steppable::{
     LoadUpdate, Precision, Resumable, Steppable, TetBody, pack, unpack,
 };
@@ -14,6 +15,7 @@ use crate::physics::{
     StepRecord, Tool,
 };
 use glam::DVec3;
+use std::any::Any;
 use std::sync::Arc;
 
 impl Precision {
@@ -132,6 +134,12 @@ impl<T: Real> TetBody for CpuBody<T> {
 
     fn force_balance(&self, stiffness: &[f64]) -> ForceBalance {
         CpuBody::force_balance(self, stiffness)
+    }
+
+    fn static_adjoint(&mut self) -> Option<&mut dyn StaticAdjoint> {
+        let body: &mut dyn Any = self;
+        let body = body.downcast_mut::<CpuBody<f64>>()?;
+        Some(body)
     }
 
     fn set_inversion_allowed(&mut self, allowed: bool) {

@@ -21,17 +21,17 @@ pub type CpuTets = ThreadedSimulator<CpuTetModel>;
 
 /// The model of a [`CpuTets`].
 pub struct CpuTetModel {
-    pub(super) material: Material,
-    pub(super) network: DiscreteModel,
+    pub(in crate::physics) material: Material,
+    pub(in crate::physics) network: DiscreteModel,
     pub(super) settings: CgSettings,
-    pub(super) kind: SolverKind,
-    pub(super) terms: Vec<Arc<dyn NodeTerm>>,
+    pub(in crate::physics) kind: SolverKind,
+    pub(in crate::physics) terms: Vec<Arc<dyn NodeTerm>>,
     /// Pressures and muscles, in the order of their amplitudes.
-    pub(super) scaled_loads: Vec<ScaledLoad>,
-    pub(super) tools: Vec<Tool>,
-    pub(super) self_contact: Option<SelfContactSettings>,
+    pub(in crate::physics) scaled_loads: Vec<ScaledLoad>,
+    pub(in crate::physics) tools: Vec<Tool>,
+    pub(in crate::physics) self_contact: Option<SelfContactSettings>,
     pub(super) inversion_allowed: bool,
-    pub(super) precision: Precision,
+    pub(in crate::physics) precision: Precision,
 }
 
 /// The state of a [`CpuTets`].

@@ -45,6 +45,12 @@ impl ContactPoint {
             .filter(|(_, w)| *w != 0.0)
     }
 
+    /// Returns its face; `None` for a boundary node.
+    pub fn face(&self) -> Option<[u32; 3]> {
+        let [a, b, _] = self.nodes;
+        (a != b).then_some(self.nodes)
+    }
+
     /// Returns it as a weighted mean of four nodes.
     pub fn spread(&self) -> ([u32; 4], [f64; 4]) {
         let ([a, b, c], [u, v, w]) = (self.nodes, self.weights);

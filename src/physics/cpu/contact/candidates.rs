@@ -27,7 +27,7 @@ const SEPARATED_GAP_RATIO: f64 = 5e-2;
 
 /// Fraction of its area that a vertex or an edge counts: each point of the surface has several
 /// pairs on both sides.
-const AREA_FRACTION: f64 = 0.25;
+pub(super) const AREA_FRACTION: f64 = 0.25;
 
 /// Two primitives that may come near each other.
 #[derive(Clone, Copy, Debug)]
@@ -90,6 +90,11 @@ pub(in crate::physics::cpu) struct Intersection {
 }
 
 impl SelfContactSurface {
+    /// Returns the boundary.
+    pub fn hull(&self) -> &BoundarySurface {
+        &self.hull
+    }
+
     pub fn new(hull: BoundarySurface) -> SelfContactSurface {
         let mut edges: BTreeMap<[u32; 2], f64> = BTreeMap::new();
         for ([a, b, c], weight) in &hull.faces {

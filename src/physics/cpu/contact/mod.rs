@@ -3,6 +3,7 @@
 pub(super) mod boundary_surface;
 pub(super) mod candidates;
 pub(super) mod ccd;
+pub(super) mod contact_derivatives;
 pub(super) mod enclosed_components;
 pub(super) mod parameters;
 pub(super) mod reference;

@@ -1,7 +1,7 @@
 //! Parameters of contact that follow from the body: gaps, stiffnesses, the speed of static friction,
 //! and which bodies can have contact.
 
-use crate::physics::{DiscreteModel, LocalUnits, Shape, SolverKind, Tool};
+use crate::physics::{DiscreteModel, Element, LocalUnits, Shape, SolverKind, Tool};
 use crate::{Error, Result};
 
 /// Default contact gap of a tool: as a fraction of its size, and of the mean edge of the body's
@@ -61,6 +61,38 @@ pub(in crate::physics) fn tool_gap(tool: &Tool, shape: &Shape, edge: f64, unit: 
 pub(in crate::physics::cpu) fn self_contact_gap(given: Option<f64>, edge: f64) -> f64 {
     let gap = given.unwrap_or(SELF_GAP_PER_EDGE * edge);
     gap.max(MIN_GAP_PER_EXTENT)
+}
+
+/// Returns the derivatives by μ (Pa) of each element for derivatives `of_faces` by Young's modulus
+/// behind each of `faces` (Pa): the transpose of [`face_stiffnesses`], which is linear.
+pub(in crate::physics) fn face_stiffness_transpose(
+    faces: &[[u32; 3]],
+    network: &DiscreteModel,
+    of_faces: &[f64],
+) -> Vec<f64> {
+    let Some(elements) = network.elements() else {
+        return Vec::new();
+    };
+    let nodes = network.rest_positions.len();
+    let mut counts = vec![0.0; nodes];
+    for t in 0..elements.tets.len() {
+        elements.nodes_of(t).for_each(|v| counts[v as usize] += 1.0);
+    }
+    let (mut of_nodes, mut of_mean) = (vec![0.0; nodes], 0.0);
+    for (face, derivative) in faces.iter().zip(of_faces) {
+        for v in face.map(|v| v as usize) {
+            match counts[v] > 0.0 {
+                true => of_nodes[v] += derivative / (3.0 * counts[v]),
+                false => of_mean += derivative / 3.0,
+            }
+        }
+    }
+    let volume: f64 = elements.tets.iter().map(|e| e.volume).sum();
+    let of_element = |(t, e): (usize, &Element)| {
+        let nodes: f64 = elements.nodes_of(t).map(|v| of_nodes[v as usize]).sum();
+        YOUNG_OVER_MU * (nodes + of_mean * e.volume / volume)
+    };
+    elements.tets.iter().enumerate().map(of_element).collect()
 }
 
 /// Returns `faces` of `network`, each with Young's modulus of the material behind it, local units.

@@ -44,12 +44,12 @@ struct PairFriction {
 }
 
 /// A pair within its gap.
-struct ActivePair {
-    weights: [f64; 4],
-    normal: DVec3,
-    barrier: Barrier,
+pub(super) struct ActivePair {
+    pub weights: [f64; 4],
+    pub normal: DVec3,
+    pub barrier: Barrier,
     /// m, and its gradient at the four nodes.
-    mollifier: f64,
+    pub mollifier: f64,
     mollifier_gradient: [DVec3; 4],
 }
 
@@ -72,7 +72,7 @@ pub(in crate::physics::cpu) struct SelfContactTerm<T> {
     pub gap: f64,
     /// Regularisation speed of the friction.
     pub static_friction_speed: f64,
-    pairs: Vec<CollisionCandidate>,
+    pub(super) pairs: Vec<CollisionCandidate>,
     /// Indices of the pairs with a node in each chunk.
     chunk_pairs: Vec<Vec<u32>>,
     lagged_friction: Vec<PairFriction>,
@@ -226,18 +226,22 @@ impl<T: Real> SelfContactTerm<T> {
         self.pairs.is_empty() && self.separation_springs.is_empty()
     }
 
-    fn positions(&self, pair: &CollisionCandidate, u: &[V4<T>]) -> [DVec3; 4] {
+    pub(super) fn positions(&self, pair: &CollisionCandidate, u: &[V4<T>]) -> [DVec3; 4] {
         pair.nodes.map(|i| self.surface.position(i, u))
     }
 
     /// Returns the contact data of a pair, or `None` beyond its gap.
-    fn active_pair(&self, pair: &CollisionCandidate, u: &[V4<T>]) -> Option<ActivePair> {
-        let x = self.positions(pair, u);
-        let nearest = pair.features.closest_points(&x);
+    pub(super) fn active_pair(&self, pair: &CollisionCandidate, u: &[V4<T>]) -> Option<ActivePair> {
+        Self::active_pair_at(pair, &self.positions(pair, u))
+    }
+
+    /// As [`SelfContactTerm::active_pair`], with the four nodes at `x`.
+    pub(super) fn active_pair_at(pair: &CollisionCandidate, x: &[DVec3; 4]) -> Option<ActivePair> {
+        let nearest = pair.features.closest_points(x);
         if nearest.distance >= pair.gap {
             return None;
         }
-        let (mollifier, mollifier_gradient) = pair.features.edge_edge_mollifier(&x, pair.lengths);
+        let (mollifier, mollifier_gradient) = pair.features.edge_edge_mollifier(x, pair.lengths);
         Some(ActivePair {
             weights: nearest.weights,
             normal: nearest.normal,
@@ -248,7 +252,7 @@ impl<T: Real> SelfContactTerm<T> {
     }
 
     /// Returns the forces of an active pair on its four nodes.
-    fn pair_forces(pair: &CollisionCandidate, active: &ActivePair) -> [DVec3; 4] {
+    pub(super) fn pair_forces(pair: &CollisionCandidate, active: &ActivePair) -> [DVec3; 4] {
         let along =
             -pair.weight * active.mollifier * active.barrier.first_derivative * active.normal;
         let by_gradient = -pair.weight * pair.gap * active.barrier.value;

@@ -162,7 +162,7 @@ impl<T: Real> ToolContact<T> {
     }
 
     /// Returns the tool of a point and its surface distance, or `None` beyond the gap.
-    fn active_distance(
+    pub(super) fn active_distance(
         &self,
         s: &ContactPoint,
         u: &[V4<T>],
@@ -177,7 +177,12 @@ impl<T: Real> ToolContact<T> {
     }
 
     /// Returns the normal force of the tool on an active point.
-    fn contact_force(&self, s: &ContactPoint, tool: &ToolState, touch: &SurfaceDistance) -> DVec3 {
+    pub(super) fn contact_force(
+        &self,
+        s: &ContactPoint,
+        tool: &ToolState,
+        touch: &SurfaceDistance,
+    ) -> DVec3 {
         -s.area_stiffness
             * Barrier::clamped(touch.distance / tool.gap).first_derivative
             * touch.normal

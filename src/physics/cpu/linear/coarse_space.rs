@@ -5,12 +5,12 @@
 //! body and hundreds in a large one (Galerkin, added to block Jacobi), reduce smooth errors.
 
 use super::block_matrix::BlockMatrix;
-use super::rigid_modes::{add_projected_block, cross};
+use super::rigid_modes::add_projected_block;
 use super::rigid_projection::RigidProjection;
 use super::sparse_cholesky::{SparseCholesky, Vec6Padded};
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
-use crate::physics::cpu::vectors::{SymMat3, V4, add};
+use crate::physics::cpu::vectors::{SymMat3, V4, add, cross};
 use glam::{DMat3, DVec3};
 
 /// Relative shift of the diagonal of the coarse matrix: rotations of a group with collinear nodes,

@@ -6,6 +6,7 @@ pub(super) mod block_matrix;
 pub(super) mod cg;
 pub(super) mod coarse_space;
 mod flexible_cg;
+pub(super) mod flexible_gmres;
 pub(super) mod linear_tet_nodes;
 pub(super) mod linear_tet_space;
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use super::sparse_cholesky::{Block, Vec6Padded};
 use crate::physics::cpu::scalar::Real;
-use crate::physics::cpu::vectors::{V4, add};
+use crate::physics::cpu::vectors::{V4, add, cross};
 use glam::{DMat3, DVec3};
 
 /// Returns the displacement of a node with the given arm for the rigid motion `m` of its group.
@@ -14,17 +14,6 @@ pub fn prolong<T: Real>(arm: &V4<T>, m: &Vec6Padded<T>) -> V4<T> {
         [w * m[0], w * m[1], w * m[2], T::ZERO],
         cross([m[3], m[4], m[5], T::ZERO], *arm),
     )
-}
-
-/// Returns a × b.
-#[inline(always)]
-pub fn cross<T: Real>(a: V4<T>, b: V4<T>) -> V4<T> {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-        T::ZERO,
-    ]
 }
 
 /// Adds P_iᵀ m P_j, or its transpose, to a block: P = w [I, −[a]×].

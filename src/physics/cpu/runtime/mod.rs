@@ -6,6 +6,7 @@ pub(super) mod energy_guard;
 pub(super) mod inversion;
 pub(super) mod load_sync;
 mod simulator;
+pub(in crate::physics) mod static_adjoint;
 pub(super) mod steppable;
 pub(super) mod threaded_simulator;
 pub(super) mod worker;

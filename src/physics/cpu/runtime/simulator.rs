@@ -9,8 +9,8 @@ use crate::mesh::{Blade, TetMesh, Topology};
 use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
     CgSettings, Checkpointing, Contact, DiscreteModel, Engine, ForceBalance, GrabId, GrabMode,
-    Joints, Loads, NodePositions, NodeTerm, PrescribedMotionId, Reactions, Report, ScaledLoads,
-    Simulator, SolverKind, StepCallback, StepProgress, TopologyChange,
+    Gradients, Joints, Loads, NodePositions, NodeTerm, PrescribedMotionId, Reactions, Report,
+    ScaledLoads, Simulator, SolverKind, StepCallback, StepProgress, TopologyChange,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -185,6 +185,10 @@ impl<M: BodyModel> Simulator for ThreadedSimulator<M> {
 
     fn scaled_loads(&mut self) -> Option<&mut dyn ScaledLoads> {
         M::scaled_loads(self)
+    }
+
+    fn gradients(&mut self) -> Option<&mut dyn Gradients> {
+        M::gradients(self)
     }
 
     fn joints(&mut self) -> Option<&mut dyn Joints> {

@@ -2,6 +2,7 @@
 //! over the number type would be compiled again by every program that uses the library.
 
 use super::energy_guard::StepFailure;
+use super::static_adjoint::StaticAdjoint;
 use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::cpu::pressure::LoadedFace;
 use crate::physics::{
@@ -109,6 +110,9 @@ pub(in crate::physics) trait TetBody: Resumable {
 
     /// Returns the balance of the static forces; `stiffness` is that of each node, N/m.
     fn force_balance(&self, stiffness: &[f64]) -> ForceBalance;
+
+    /// The adjoint of its equilibrium; `None` in single precision.
+    fn static_adjoint(&mut self) -> Option<&mut dyn StaticAdjoint>;
 
     /// Sets whether steps may invert tets.
     fn set_inversion_allowed(&mut self, allowed: bool);

@@ -10,6 +10,7 @@ use crate::mesh::{Blade, LocalFrame, TetMesh, Topology};
 use crate::physics::loads::LoadVersions;
 use crate::physics::simulator::checkpoint::Checkpointing;
 use crate::physics::simulator::contact::Contact;
+use crate::physics::simulator::gradients::Gradients;
 use crate::physics::simulator::joints::Joints;
 use crate::physics::simulator::reactions::Reactions;
 use crate::physics::simulator::scaled_loads::ScaledLoads;
@@ -156,6 +157,12 @@ pub(in crate::physics) trait BodyModel: Sized + Send + 'static {
 
     /// The body's scaled loads, if it supports them.
     fn scaled_loads(simulator: &mut ThreadedSimulator<Self>) -> Option<&mut dyn ScaledLoads> {
+        let _ = simulator;
+        None
+    }
+
+    /// The body's gradients, if it has them.
+    fn gradients(simulator: &mut ThreadedSimulator<Self>) -> Option<&mut dyn Gradients> {
         let _ = simulator;
         None
     }

@@ -55,7 +55,7 @@ impl<T: Real> Block<T> {
 
     /// Returns d, |d|² and 1/((|d| + L) |d|) of spring n with the difference e, and |d|² − L².
     #[inline(always)]
-    fn lengths(&self, n: usize, e: V4<T>) -> ([T; 3], T, T, T) {
+    pub(super) fn lengths(&self, n: usize, e: V4<T>) -> ([T; 3], T, T, T) {
         let d = [
             self.rest[0][n] + e[0],
             self.rest[1][n] + e[1],

@@ -21,25 +21,25 @@ use std::ops::Range;
 
 /// A list of springs.
 #[derive(Clone, Debug, Default)]
-struct List<T> {
-    blocks: Vec<Block<T>>,
+pub(super) struct List<T> {
+    pub(super) blocks: Vec<Block<T>>,
     links: Vec<SpringHessians<T>>,
 }
 
 /// The springs of a chunk of nodes.
 #[derive(Clone, Debug)]
-struct Chunk<T> {
-    nodes: Range<usize>,
+pub(super) struct Chunk<T> {
+    pub(super) nodes: Range<usize>,
     /// Springs with both ends in the chunk, numbered from its first node.
-    inner: List<T>,
+    pub(super) inner: List<T>,
     /// Springs with only i in the chunk; j is numbered from the body's first node.
-    outer: List<T>,
+    pub(super) outer: List<T>,
 }
 
 /// All springs of a body.
 #[derive(Clone, Debug)]
 pub struct Springs<T> {
-    chunks: Vec<Chunk<T>>,
+    pub(super) chunks: Vec<Chunk<T>>,
     /// κ_d = constant + time · κ, in local units.
     damping: [T; 2],
     damped: bool,

@@ -1,0 +1,149 @@
+//! Gradients of a quantity of a body at rest by its parameters.
+
+use crate::Result;
+use crate::physics::{AmplitudeId, ToolId};
+use glam::DVec3;
+
+/// A number that the state of a body determines. Directions need not be unit vectors.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Quantity {
+    /// Force of the body on a tool along a direction, N.
+    ToolForce {
+        /// The tool.
+        tool: ToolId,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Force of the body and its loads on the supports of fixed nodes along a direction, N.
+    PinReaction {
+        /// The nodes: pinned, or held by grabs.
+        nodes: Vec<u32>,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Force of the rest of the body on a rigid region along a direction, N.
+    RegionForce {
+        /// The label of the region.
+        label: i64,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Sum of the displacements of nodes along a direction, each times its weight, in file units.
+    Displacement {
+        /// Nodes and weights.
+        nodes: Vec<(u32, f64)>,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Largest distance of a node from its rest position, in file units.
+    LargestDisplacement,
+    /// Volume of tets, in file units cubed.
+    Volume {
+        /// The tets of the mesh.
+        tets: Vec<u32>,
+    },
+    /// Component a·σ b of the Cauchy stress in the middle of a tet, Pa.
+    Stress {
+        /// The tet.
+        tet: u32,
+        /// a and b.
+        along: [DVec3; 2],
+    },
+    /// Von Mises stress in the middle of a tet, Pa.
+    VonMises {
+        /// The tet.
+        tet: u32,
+    },
+    /// Elastic energy of the material and of the terms on nodes, J.
+    ElasticEnergy,
+}
+
+/// A number on which the equilibrium of a body depends. Directions need not be unit vectors: the
+/// derivative is by their multiple.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Parameter {
+    /// The stiffness of the material of tets, of all by the same amount: Young's modulus in Pa, or
+    /// for uniform springs N/m. Fields of stiffness factors multiply it.
+    Young {
+        /// The tets of the mesh.
+        tets: Vec<u32>,
+    },
+    /// Poisson's ratio of tets.
+    Poisson {
+        /// The tets of the mesh.
+        tets: Vec<u32>,
+    },
+    /// Density of tets, kg/m³.
+    Density {
+        /// The tets of the mesh.
+        tets: Vec<u32>,
+    },
+    /// Force on a node along a direction, N.
+    Load {
+        /// The node.
+        node: u32,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Gravity along a direction, m/s².
+    Gravity {
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Amplitude of a pressure (Pa) or of a muscle.
+    Amplitude(AmplitudeId),
+    /// Position of a tool along a direction, in file units.
+    ToolPosition {
+        /// The tool.
+        tool: ToolId,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Rotation of a tool by an angle (rad) about an axis through the origin of its shape.
+    ToolRotation {
+        /// The tool.
+        tool: ToolId,
+        /// The axis.
+        axis: DVec3,
+    },
+    /// Position of fixed nodes along a direction, in file units.
+    Support {
+        /// The nodes: pinned, or held by grabs.
+        nodes: Vec<u32>,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Rest position of a node along a direction, in file units; pinned nodes move with it.
+    RestPosition {
+        /// The node.
+        node: u32,
+        /// The direction.
+        direction: DVec3,
+    },
+}
+
+/// A quantity and its derivatives at an equilibrium.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gradient {
+    /// The quantity.
+    pub value: f64,
+    /// Its derivative by each parameter.
+    pub derivatives: Vec<f64>,
+    /// Net force on the free nodes over the loads: how far the state is from equilibrium. The
+    /// derivatives are in error by about as much.
+    pub imbalance: f64,
+    /// Iterations of conjugate gradients.
+    pub iterations: u32,
+}
+
+/// Gradients by the adjoint method: one linear solve for any number of parameters.
+pub trait Gradients {
+    /// Returns a quantity of the body at rest and its derivatives by parameters: those of the
+    /// equilibrium near the current state, which must be one. Friction has no part in it.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) if the body is not at rest or not stable, is not
+    /// stepped by an implicit scheme in double precision, for an unknown node, tet, tool or region,
+    /// and if the linear solve does not converge.
+    fn gradient(&mut self, quantity: &Quantity, parameters: &[Parameter]) -> Result<Gradient>;
+}
