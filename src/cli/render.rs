@@ -11,6 +11,7 @@ use palpate::annotate::FrameTime;
 use palpate::gpu::Gpu;
 use palpate::io::{self, MeshFormat};
 use palpate::mesh::Location;
+use palpate::physics::BodyField;
 use palpate::scene::{ERROR_FIELD, PlannedRun, Scene, Stage, StageReport};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -210,12 +211,13 @@ struct ReportWithErrors {
     no_errors_because: Option<String>,
 }
 
-/// Removes the field `error` of a simulated body from the scene, and returns whether it was there.
+/// Replaces the field `error` of a simulated body, which is estimated after the run, and returns
+/// whether it was there.
 fn take_error_field(scene: &mut Scene) -> bool {
     let field = &mut scene.picture.field;
     let shows_error = scene.solver.name.is_some() && field.as_deref() == Some(ERROR_FIELD);
     if shows_error {
-        *field = None;
+        *field = Some(BodyField::Displacement.name().into());
     }
     shows_error
 }

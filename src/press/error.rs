@@ -125,7 +125,7 @@ impl ComparedBodies {
 
 /// The present state of an interactive press, whose error can be estimated on another thread.
 #[derive(Clone, Debug)]
-pub struct PressedState {
+pub(super) struct PressedState {
     body: RestBody,
     session: PressSession,
     state: LoadedState,

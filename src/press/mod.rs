@@ -15,7 +15,6 @@ mod support_table;
 mod validity;
 
 pub use curve::{Bed, PressConditions, PressReport, PressSample};
-pub use error::PressedState;
 pub use interactive::InteractiveStage;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 pub use session::PressSession;

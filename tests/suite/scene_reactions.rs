@@ -176,8 +176,15 @@ fn reaction_table_resumes_after_completed_frames() {
     let whole = std::fs::read_to_string(&path).unwrap();
     let lines: Vec<&str> = whole.lines().collect();
     assert_eq!(lines.len(), 4);
-    assert_eq!(lines[0], "time_s,name,fx,fy,fz,mx,my,mz");
+    assert_eq!(lines[0], "time_s,name,fx,fy,fz,mx,my,mz,force_error_n");
     assert!(lines[2].starts_with("0.05,\"wall, left\","), "{}", lines[2]);
+    // Errors are those of the last frame, and may be set again.
+    for error in [0.5, 0.25] {
+        let errors = [("wall".into(), 9.0), ("wall, left".into(), error)];
+        log.set_errors(&errors).unwrap();
+    }
+    let with_errors = std::fs::read_to_string(&path).unwrap();
+    assert_eq!(with_errors, whole.trim_end().to_owned() + "0.25\n");
     ReactionLog::resume(&path, &times[..2]).unwrap();
     let kept = std::fs::read_to_string(&path).unwrap();
     assert_eq!(kept.lines().collect::<Vec<_>>(), lines[..3]);

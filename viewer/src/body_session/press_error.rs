@@ -3,10 +3,9 @@
 use super::BodySession;
 use crate::loading::BackgroundTask;
 use eframe::egui;
+use palpate::Error;
 use palpate::accuracy::ErrorParts;
 use palpate::gpu::Gpu;
-use palpate::press::PressedState;
-use palpate::{Error, Result};
 use std::time::Duration;
 use web_time::Instant;
 
@@ -51,27 +50,17 @@ impl BodySession {
                 .request_repaint_after(REST.saturating_sub(rests).max(Duration::from_millis(20)));
             return;
         }
-        match self.pressed_state() {
-            Ok(state) => {
+        let (Ok(session), Some(motion)) = (&self.fingertip, self.stage.motion()) else {
+            return;
+        };
+        match session.error_estimate(motion, MAX_ELEMENTS) {
+            Ok(estimate) => {
                 let gpu = gpu.clone();
-                let work = move |progress: palpate::ProgressFn| state.force_error(&gpu, progress);
+                let work = move |progress: palpate::ProgressFn<'_>| estimate(&gpu, progress);
                 let task = BackgroundTask::spawn("estimating the error", context, work);
                 self.press_error.task = Some(task);
             }
             Err(why) => self.press_error.found = Some(Err(why.to_string())),
-        }
-    }
-
-    fn pressed_state(&self) -> Result<PressedState> {
-        let (Ok(session), Some(motion)) = (&self.fingertip, self.stage.motion()) else {
-            return Err(super::still());
-        };
-        let state = PressedState::new(session, motion)?;
-        match state.finer_elements() <= MAX_ELEMENTS {
-            true => Ok(state),
-            false => Err(Error::Input(
-                "the body has too many tets for it; use palpate press".into(),
-            )),
         }
     }
 
