@@ -228,7 +228,6 @@ impl eframe::App for App {
         let patience = self.update_interaction(&context);
         if let Some(show) = &mut self.show {
             show.advance_to_now(patience);
-            show.update_press_error(&self.gpu, &context);
             if let Some(remark) = show.remark.take() {
                 self.status = (remark, false);
             }

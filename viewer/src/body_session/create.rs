@@ -93,7 +93,6 @@ impl BodySession {
             radius,
             fingertip,
             press: None,
-            press_error: super::PressErrorEstimate::default(),
             grab: None,
             blade: None,
             edits: BodyEditHistory::default(),
