@@ -216,7 +216,7 @@ impl Cage {
     /// damping rate of the lowest mode.
     ///
     /// Bodies without pins are clamped at one end for the fit, see
-    /// [`DiscreteModel::find_clamped_end`].
+    /// `DiscreteModel::find_clamped_end`.
     ///
     /// Returns the factor, 1 if the fit fails.
     ///

@@ -232,7 +232,7 @@ impl GpuBody {
         self.loads.pin_nodes(nodes)
     }
 
-    /// Clamps the end chosen by [`DiscreteModel::find_clamped_end`] and applies `gravity` (m/s²)
+    /// Clamps the end chosen by `DiscreteModel::find_clamped_end` and applies `gravity` (m/s²)
     /// across it. Returns a sentence that describes both.
     pub fn clamp_one_end(&mut self, gravity: f64) -> String {
         let (end, _) = self.model.find_clamped_end(DVec3::NEG_Z);

@@ -33,7 +33,7 @@ impl dyn Simulator + '_ {
         Ok(nodes.len())
     }
 
-    /// Clamps the end chosen by [`ClampedEnd::of_largest_component`] and applies `gravity` (m/s²)
+    /// Clamps the end chosen by `ClampedEnd::of_largest_component` and applies `gravity` (m/s²)
     /// across it. Returns a sentence that describes both.
     ///
     /// # Errors
