@@ -102,7 +102,7 @@ def press(
         force: press until this contact force is reached instead, N.
         size: width and height of the pictures, in pixels.
         engine: engine of the time steps: ``gpu``, ``cpu`` or ``auto``.
-        errors: whether to estimate the errors of the numbers, which takes about twice as long as the press.
+        errors: whether to estimate the errors of the numbers, which takes two to four times as long as its steps.
         adapter: graphics adapter.
         progress: called with the completed fraction of steps. Ctrl-C, or an exception it raises,
             cancels the press.

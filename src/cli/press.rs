@@ -49,7 +49,7 @@ pub struct PressArguments {
     /// interrupted map
     #[arg(long, value_name = "NxM", value_parser = super::flags::size, conflicts_with_all = ["at", "pick", "force"])]
     map: Option<[u32; 2]>,
-    /// Leave out the error estimate, which takes one to four times as long as the steps of the press
+    /// Leave out the error estimate, which takes two to four times as long as the steps of the press
     #[arg(long)]
     no_error: bool,
     /// Also print the content of press.json or map.json on standard output

@@ -339,7 +339,7 @@ impl Press {
     }
 
     /// Estimates the errors of the measured numbers, for [`Press::report`]: solves the deepest state,
-    /// and one of half of its depth, again in a finer space. Takes one to four times as long as the steps of the
+    /// and one of half of its depth, again in a finer space. Takes two to four times as long as the steps of the
     /// press. A
     /// press that is not valid, or a body whose error cannot be estimated, has no estimate, and the
     /// report says why.
