@@ -6,6 +6,8 @@ use crate::scene::{ERROR_FIELD, Stage};
 
 /// Colours of the field.
 const COLOURS: &str = "viridis";
+/// Rendering mode, unless the scene has one.
+const MODE: &str = "surface";
 
 /// Adds the field `error` to a mesh: the share of each tet in an error, %.
 ///
@@ -29,8 +31,10 @@ pub(crate) fn error_stage(mesh: TetMesh, stage: &mut Stage) -> Result<Stage> {
     scene.picture.field = Some(ERROR_FIELD.into());
     scene.picture.transfer = Some(COLOURS.into());
     scene.picture.range = None;
+    // Opaque: most of an error is in a few tets, which a translucent body hides.
+    scene.picture.mode.get_or_insert_with(|| MODE.into());
+    scene.picture.region.clear();
     let mut picture = Stage::with_mesh(&gpu, &scene, mesh)?;
     *picture.camera_mut() = *stage.camera_mut();
-    picture.set_sections(stage.inside())?;
     Ok(picture)
 }

@@ -218,6 +218,8 @@ fn take_error_field(scene: &mut Scene) -> bool {
     let shows_error = scene.solver.name.is_some() && field.as_deref() == Some(ERROR_FIELD);
     if shows_error {
         *field = Some(BodyField::Displacement.name().into());
+        // It is not drawn, so its range needs no note.
+        scene.picture.range = Some([0.0, 1.0]);
     }
     shows_error
 }
