@@ -2,7 +2,7 @@
 
 use super::quadratic::{PIECES, TenNodes, pieces};
 use super::quadratic_shape::{QUADRATURE_POINTS, jacobians};
-use super::{EdgeMiddles, ElementOrder, Field, Location, ScalarType, TetMesh};
+use super::{EdgeMiddles, ElementOrder, Field, Location, ScalarType, TET_EDGES, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -59,6 +59,27 @@ impl TetMesh {
         mesh.drop_unused_nodes();
         mesh.repairs.unused_nodes = unused;
         Some(mesh)
+    }
+
+    /// Returns the corners of ten-node tets among `nodes`, and the nodes in the middle of edges between
+    /// two of these; `nodes` if no corner is among them, and in a mesh of order 1.
+    pub(crate) fn nodes_between(&self, nodes: Vec<u32>) -> Vec<u32> {
+        let Some(elements) = self.quadratic_elements() else {
+            return nodes;
+        };
+        let mut given = vec![false; self.nodes.len()];
+        nodes.iter().for_each(|v| given[*v as usize] = true);
+        let mut chosen = vec![false; self.nodes.len()];
+        for element in &elements {
+            let corner = |end: usize| given[element[end] as usize];
+            (0..4).for_each(|end| chosen[element[end] as usize] = corner(end));
+            for (edge, [a, b]) in TET_EDGES.into_iter().enumerate() {
+                chosen[element[4 + edge] as usize] = corner(a) && corner(b);
+            }
+        }
+        let all = (0u32..).zip(chosen).filter(|(_, chosen)| *chosen);
+        let all: Vec<u32> = all.map(|(v, _)| v).collect();
+        if all.is_empty() { nodes } else { all }
     }
 
     /// Returns the four-node tets at the corners of `elements`, with all nodes of this mesh.

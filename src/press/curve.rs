@@ -83,8 +83,13 @@ pub struct PressConditions {
 pub struct Bed {
     /// Direction from the body to the table: `-x` to `+z`.
     pub side: String,
-    /// Fraction of the body's extent in that direction that is fixed.
+    /// Fraction of the body's extent in that direction, within which the surface that faces the
+    /// table is fixed.
     pub fraction: f64,
+    /// Area of that surface as seen from the table.
+    pub area_m2: f64,
+    /// Area of the faces that the mesh fixes for it.
+    pub fixed_area_m2: f64,
     /// Number of fixed nodes, with those of the scene's pins.
     pub nodes: usize,
 }

@@ -142,9 +142,13 @@ impl Press {
         let site = site::find_site(&mut still, &boundary, wanted, setup.radius)?;
         let camera = *still.camera_mut();
         drop(still);
-        if setup.table.is_some_and(|table| table.holds(site.point)) {
+        if setup
+            .table
+            .as_ref()
+            .is_some_and(|table| table.reaches(site.point))
+        {
             return Err(Error::Input(format!(
-                "press point {} is fixed to the table; press elsewhere (--at x,y,z or --pick X,Y), or change gravity (--gravity x,y,z)",
+                "press point {} lies at the table; press elsewhere (--at x,y,z or --pick X,Y), or change gravity (--gravity x,y,z)",
                 site.point
             )));
         }
@@ -473,7 +477,8 @@ impl Press {
                 .session
                 .setup()
                 .table
-                .map(|table| table.report(self.fixed_nodes)),
+                .as_ref()
+                .map(|table| table.report(self.fixed_nodes, unit)),
             poisson: self.poisson,
             engine: engine.unwrap_or_default(),
         }

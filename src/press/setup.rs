@@ -34,8 +34,8 @@ pub struct PressSetup {
 }
 
 impl PressSetup {
-    /// Places the body of `scene`, which is `mesh`, on a table and fixes its lowest part along
-    /// gravity there. Loads, grabs, prescribed motions, cuts, tools and the floor of the scene are
+    /// Places the body of `scene`, which is `mesh`, on a table and fixes the lowest part of its
+    /// surface along gravity there. Loads, grabs, prescribed motions, cuts, tools and the floor of the scene are
     /// left out, pins are kept. A `radius` that is not given is chosen from the body's shape.
     ///
     /// # Errors
@@ -44,7 +44,7 @@ impl PressSetup {
     pub fn on_table(scene: &Scene, mesh: &TetMesh, radius: Option<f64>) -> Result<PressSetup> {
         check_scene(scene)?;
         let (mut prepared, down) = without_loads(scene);
-        let table = Table::new(mesh, &Topology::new(mesh), down)?;
+        let table = Table::new(mesh, down)?;
         prepared.pin.push(table.region());
         Ok(PressSetup::with_fingertip(
             prepared,

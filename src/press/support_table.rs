@@ -1,23 +1,30 @@
-//! The table on which a pressed body lies: its lowest part is fixed there.
+//! The table on which a pressed body lies: the lowest part of its surface is fixed there.
+//!
+//! That part is a region of the shape: what faces the table within the lowest 4 %. A mesh fixes the
+//! lowest of its faces, as many as have the area of that region, and with them the same part for
+//! linear and quadratic tets.
 
 use super::curve::Bed;
 use crate::mesh::{TetMesh, Topology};
 use crate::number_format::significant;
-use crate::scene::{Axis, Region};
+use crate::scene::Region;
 use crate::{Error, Result};
 use glam::{DMat2, DVec2, DVec3};
 
-/// Fraction of the body's height along gravity that is fixed; doubled, up to a limit, until the
-/// fixed nodes support the body.
+/// Fraction of the body's height along gravity within which it is fixed; doubled, up to a limit,
+/// until the fixed part supports the body.
 const FRACTION: f64 = 0.04;
 const MAX_FRACTION: f64 = 0.5;
 
-/// Minimum extent of the fixed nodes in every horizontal direction, relative to that of the body
+/// Minimum extent of the fixed part in every horizontal direction, relative to that of the body
 /// (root mean squares).
 const MIN_SUPPORT_RATIO: f64 = 0.1;
 
+/// Difference of heights, relative to the body's, below which faces are chosen together.
+const SAME_HEIGHT: f64 = 1e-9;
+
 /// A table below a body.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Table {
     /// The coordinate axis closest to gravity, and whether gravity points along −axis.
     axis: usize,
@@ -27,15 +34,31 @@ pub(super) struct Table {
     shape_fraction: f64,
     low: f64,
     high: f64,
+    /// The fixed corners of elements, in increasing order.
+    nodes: Vec<u32>,
+    /// Area of the region of the shape, and of the fixed faces, seen from the table; file units
+    /// squared.
+    shape_area: f64,
+    fixed_area: f64,
+}
+
+/// A boundary face of an element.
+struct Face {
+    nodes: [u32; 3],
+    corners: [DVec3; 3],
+    /// Its area as seen from the table; negative if it faces away from it.
+    seen_area: f64,
+    /// Height of its centroid above the table, relative to the body's.
+    height: f64,
 }
 
 impl Table {
     /// Places `mesh` on a table perpendicular to the coordinate axis closest to `down`. The fixed
-    /// part follows from the shape, and is larger only if a coarse mesh has too few nodes there.
+    /// part follows from the shape, and is larger only if the mesh is too coarse for it.
     ///
     /// # Errors
-    /// [`Error::Input`] if its lower half has too few nodes to support it.
-    pub fn new(mesh: &TetMesh, topology: &Topology, down: DVec3) -> Result<Table> {
+    /// [`Error::Input`] if the faces of its lower half do not support it.
+    pub fn new(mesh: &TetMesh, down: DVec3) -> Result<Table> {
         let axis = down.abs().max_position();
         let (low, high) = mesh.bounds();
         let mut table = Table {
@@ -45,15 +68,23 @@ impl Table {
             shape_fraction: FRACTION,
             low: low[axis],
             high: high[axis],
+            nodes: Vec::new(),
+            shape_area: 0.0,
+            fixed_area: 0.0,
         };
-        while table.fraction < MAX_FRACTION && !table.supports_shape(mesh, topology) {
+        let faces = match mesh.quadratic_elements() {
+            Some(elements) => table.boundary_faces(&mesh.mesh_of_corners(&elements)),
+            None => table.boundary_faces(mesh),
+        };
+        let own = table.moments(faces.iter().map(|face| face.corners.to_vec()));
+        while table.fraction < MAX_FRACTION && !table.supports_shape(&faces, &own) {
             table.fraction = (2.0 * table.fraction).min(MAX_FRACTION);
         }
         table.shape_fraction = table.fraction;
-        while !table.supports(mesh) {
+        while !table.fix_faces(mesh.nodes.len(), &faces, &own) {
             if table.fraction == MAX_FRACTION {
                 return Err(Error::Input(
-                    "the lower half of the body has too few nodes to support it on a table; set another direction of gravity (--gravity x,y,z) or use a finer mesh".into(),
+                    "the lower half of the body has too few faces to support it on a table; set another direction of gravity (--gravity x,y,z) or use a finer mesh".into(),
                 ));
             }
             table.fraction = (2.0 * table.fraction).min(MAX_FRACTION);
@@ -61,22 +92,90 @@ impl Table {
         Ok(table)
     }
 
-    /// Whether the fixed part of the boundary is wide enough to prevent the body from turning,
-    /// whatever the mesh.
-    fn supports_shape(&self, mesh: &TetMesh, topology: &Topology) -> bool {
-        let [a, b] = [(self.axis + 1) % 3, (self.axis + 2) % 3];
-        let (mut own, mut held) = (Moments::ZERO, Moments::ZERO);
-        for face in &topology.boundary {
-            let corners = topology
-                .boundary_nodes(mesh, *face)
-                .map(|v| mesh.nodes[v as usize]);
-            own.add_polygon(&corners, a, b);
-            held.add_polygon(&self.clip(&corners), a, b);
-        }
-        extends(&held.covariance(), &own.covariance()) && held.area > 0.0
+    /// Returns the boundary faces of `mesh`.
+    fn boundary_faces(&self, mesh: &TetMesh) -> Vec<Face> {
+        let triangles = Topology::new(mesh).boundary_triangles(mesh);
+        let face = |nodes: [u32; 3]| {
+            let corners = nodes.map(|v| mesh.nodes[v as usize]);
+            let [a, b, c] = corners;
+            Face {
+                nodes,
+                corners,
+                seen_area: -0.5 * (b - a).cross(c - a).dot(self.up()),
+                height: self.share((a + b + c) / 3.0),
+            }
+        };
+        triangles.into_iter().map(face).collect()
     }
 
-    /// Returns the part of a triangle that is fixed, a convex polygon.
+    /// Whether the part of the shape that is fixed is wide enough to prevent the body from turning,
+    /// whatever the mesh.
+    fn supports_shape(&self, faces: &[Face], own: &Moments) -> bool {
+        let lower = faces.iter().filter(|face| face.seen_area > 0.0);
+        let held = self.moments(lower.map(|face| self.clip(&face.corners)));
+        held.area > 0.0 && extends(&held.covariance(), &own.covariance())
+    }
+
+    /// Returns the moments of `polygons`, seen from the table.
+    fn moments(&self, polygons: impl Iterator<Item = Vec<DVec3>>) -> Moments {
+        let [a, b] = [(self.axis + 1) % 3, (self.axis + 2) % 3];
+        let mut moments = Moments::ZERO;
+        polygons.for_each(|corners| moments.add_polygon(&corners, a, b));
+        moments
+    }
+
+    /// Fixes the nodes of the lowest faces, as many as come closest to the area of the shape's region.
+    /// Returns whether they prevent the body from turning.
+    fn fix_faces(&mut self, nodes: usize, faces: &[Face], own: &Moments) -> bool {
+        let mut lower: Vec<&Face> = faces.iter().filter(|face| face.seen_area > 0.0).collect();
+        lower.sort_by(|a, b| a.height.total_cmp(&b.height));
+        self.shape_area = lower.iter().map(|face| self.area_of_region(face)).sum();
+        // The first face in that order with each node: a face is fixed as soon as its nodes are.
+        let mut first = vec![usize::MAX; nodes];
+        for (k, face) in lower.iter().enumerate() {
+            for v in face.nodes {
+                first[v as usize] = first[v as usize].min(k);
+            }
+        }
+        let fixed_with = |face: &Face| {
+            let ranks = face.nodes.map(|v| first[v as usize]);
+            ranks.into_iter().max().unwrap_or_default()
+        };
+        let mut added = vec![0.0; lower.len()];
+        for face in &lower {
+            added[fixed_with(face)] += face.seen_area;
+        }
+        let (mut area, mut best) = (0.0, None::<(usize, f64)>);
+        for (k, face) in lower.iter().enumerate() {
+            area += added[k];
+            let next = lower.get(k + 1);
+            let is_last = next.is_none_or(|next| next.height > face.height + SAME_HEIGHT);
+            let miss = |area: f64| (area - self.shape_area).abs();
+            if is_last && best.is_none_or(|(_, least)| miss(area) < miss(least)) {
+                best = Some((k, area));
+            }
+        }
+        let Some((last, area)) = best else {
+            return false;
+        };
+        self.fixed_area = area;
+        let fixed = (0u32..).zip(&first).filter(|(_, rank)| **rank <= last);
+        self.nodes = fixed.map(|(v, _)| v).collect();
+        let held = lower.iter().filter(|face| fixed_with(face) <= last);
+        let held = self.moments(held.map(|face| face.corners.to_vec()));
+        held.area > 0.0 && extends(&held.covariance(), &own.covariance())
+    }
+
+    /// Returns the area of the part of `face` in the shape's region, seen from the table.
+    fn area_of_region(&self, face: &Face) -> f64 {
+        let whole = polygon_area(&face.corners);
+        match whole > 0.0 {
+            true => face.seen_area * polygon_area(&self.clip(&face.corners)) / whole,
+            false => 0.0,
+        }
+    }
+
+    /// Returns the part of a triangle within the fixed fraction of the height, a convex polygon.
     fn clip(&self, triangle: &[DVec3; 3]) -> Vec<DVec3> {
         let inside = |p: &DVec3| self.fraction - self.share(*p);
         let mut polygon = Vec::with_capacity(4);
@@ -91,21 +190,6 @@ impl Table {
             }
         }
         polygon
-    }
-
-    /// Whether the fixed nodes prevent the body from turning: their horizontal extent is not
-    /// negligible beside that of the body.
-    fn supports(&self, mesh: &TetMesh) -> bool {
-        let [a, b] = [(self.axis + 1) % 3, (self.axis + 2) % 3];
-        let flat = |p: &DVec3| DVec2::new(p[a], p[b]);
-        let fixed: Vec<DVec2> = mesh
-            .nodes
-            .iter()
-            .filter(|p| self.holds(**p))
-            .map(flat)
-            .collect();
-        let own = covariance(&mesh.nodes.iter().map(flat).collect::<Vec<_>>());
-        fixed.len() >= 3 && extends(&covariance(&fixed), &own)
     }
 
     /// Returns the direction away from the table.
@@ -123,28 +207,29 @@ impl Table {
         if self.downward { share } else { 1.0 - share }
     }
 
-    /// Whether `point` belongs to the part that is fixed.
-    pub fn holds(&self, point: DVec3) -> bool {
+    /// Whether `point` of the surface is as low as the part that is fixed.
+    pub fn reaches(&self, point: DVec3) -> bool {
         self.share(point) <= self.fraction
     }
 
-    /// Returns the region that is fixed.
+    /// Returns the fixed nodes as a region.
     pub fn region(&self) -> Region {
         Region {
             name: Some("table".into()),
-            axis: Some([Axis::X, Axis::Y, Axis::Z][self.axis]),
-            below: self.downward.then_some(self.fraction),
-            above: (!self.downward).then_some(1.0 - self.fraction),
+            listed: Some(self.nodes.clone()),
             ..Region::default()
         }
     }
 
-    /// Returns a description for reports; `nodes` is the number of fixed nodes.
-    pub fn report(&self, nodes: usize) -> Bed {
+    /// Returns a description for reports; `nodes` is the number of fixed nodes, `unit` the metres
+    /// per file unit.
+    pub fn report(&self, nodes: usize, unit: f64) -> Bed {
         let sign = if self.downward { '-' } else { '+' };
         Bed {
             side: format!("{sign}{}", ["x", "y", "z"][self.axis]),
             fraction: self.fraction,
+            area_m2: self.shape_area * unit * unit,
+            fixed_area_m2: self.fixed_area * unit * unit,
             nodes,
         }
     }
@@ -153,12 +238,22 @@ impl Table {
     pub fn note(&self) -> Option<String> {
         (self.fraction > self.shape_fraction).then(|| {
             format!(
-                "the lowest {} % of the body are fixed to the table, because its lowest {} % have too few nodes to support it; a finer mesh needs less",
+                "the lowest {} % of the body are fixed to the table, because its lowest {} % have too few faces to support it; a finer mesh needs less",
                 significant(100.0 * self.fraction),
                 significant(100.0 * self.shape_fraction)
             )
         })
     }
+}
+
+fn polygon_area(corners: &[DVec3]) -> f64 {
+    let [origin, rest @ ..] = corners else {
+        return 0.0;
+    };
+    let triangles = rest.windows(2);
+    triangles
+        .map(|pair| 0.5 * (pair[0] - *origin).cross(pair[1] - *origin).length())
+        .sum()
 }
 
 /// Whether points with the covariance `held` extend far enough, in every direction, beside those
@@ -215,43 +310,92 @@ fn outer_product(p: DVec2) -> DMat2 {
     DMat2::from_cols(p.x * p, p.y * p)
 }
 
-/// Returns the covariance of points.
-fn covariance(points: &[DVec2]) -> DMat2 {
-    let count = points.len().max(1) as f64;
-    let middle = points.iter().sum::<DVec2>() / count;
-    let mut sum = DMat2::ZERO;
-    for p in points {
-        sum += outer_product(*p - middle);
-    }
-    sum * (1.0 / count)
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::generate;
+    use crate::mesh::FinerSpace;
 
     fn table(mesh: &TetMesh, down: DVec3) -> Table {
-        Table::new(mesh, &Topology::new(mesh), down).unwrap()
+        Table::new(mesh, down).unwrap()
+    }
+
+    /// A ball of radius 1, by a block with `cells` along each edge.
+    fn ball(cells: usize) -> TetMesh {
+        let mut ball = generate::bar([cells; 3], DVec3::splat(2.0)).unwrap();
+        for p in &mut ball.nodes {
+            let q = *p - 1.0;
+            *p = match q.length() > 0.0 {
+                true => q * (q.abs().max_element() / q.length()),
+                false => q,
+            };
+        }
+        ball
     }
 
     #[test]
-    fn table_fixes_enough_nodes_to_support_body() {
+    fn table_fixes_the_face_of_a_block_and_no_more() {
         let mut mesh = generate::bar([4, 4, 4], DVec3::splat(1.0)).unwrap();
         let flat = table(&mesh, DVec3::NEG_Z);
-        assert!(flat.note().is_none() && flat.holds(DVec3::ZERO));
-        assert!(!flat.holds(DVec3::new(0.5, 0.5, 0.05)));
+        assert!(flat.note().is_none() && flat.reaches(DVec3::ZERO));
+        assert!(!flat.reaches(DVec3::new(0.5, 0.5, 0.05)));
         assert_eq!(flat.up(), DVec3::Z);
+        let bottom = |mesh: &TetMesh, z: f64| -> Vec<u32> {
+            let nodes = (0u32..).zip(&mesh.nodes);
+            let at = nodes.filter(|(_, p)| (p.z - z).abs() < 1e-9);
+            at.map(|(v, _)| v).collect()
+        };
+        assert_eq!(flat.nodes, bottom(&mesh, 0.0));
+        assert!((flat.fixed_area - 1.0).abs() < 1e-12 && (flat.shape_area - 1.0).abs() < 1e-12);
+        let above = table(&mesh, DVec3::Z);
+        assert_eq!(above.nodes, bottom(&mesh, 1.0));
+        assert!(above.note().is_none());
+        // A finer mesh, with faces on its sides within the lowest 4 %, and quadratic tets of it.
+        let fine = generate::bar([2, 2, 50], DVec3::splat(1.0)).unwrap();
+        assert_eq!(table(&fine, DVec3::NEG_Z).nodes, bottom(&fine, 0.0));
+        let quadratic = fine.with_mid_edge_nodes().unwrap();
+        assert_eq!(
+            table(&quadratic, DVec3::NEG_Z).nodes,
+            bottom(&quadratic, 0.0)
+        );
         // One corner that sticks out below does not support the body.
         let corner = mesh.nodes.iter().position(|p| p.length() < 1e-9).unwrap();
         mesh.nodes[corner].z = -0.5;
         let wider = table(&mesh, DVec3::NEG_Z);
         assert!(wider.fraction > FRACTION, "{wider:?}");
-        assert!(wider.holds(DVec3::new(0.25, 0.0, 0.0)));
-        let above = table(&mesh, DVec3::Z);
-        assert!(above.holds(DVec3::new(0.0, 0.0, 1.0)) && above.note().is_none());
-        assert_eq!(above.region().above, Some(1.0 - FRACTION));
+    }
+
+    #[test]
+    fn fixed_faces_have_the_area_of_the_shapes_region() {
+        // Seen from below, the lowest 4 % of a ball of radius 1 are a disc of radius √(1 − 0.92²).
+        let exact = std::f64::consts::PI * (1.0 - 0.92f64 * 0.92);
+        for (cells, tolerance) in [(4, 0.6), (8, 0.25), (16, 0.1), (32, 0.03)] {
+            let own = table(&ball(cells), DVec3::NEG_Z);
+            assert_eq!(own.fraction, FRACTION);
+            let error = (own.fixed_area / exact - 1.0).abs();
+            assert!(
+                error < tolerance,
+                "{cells} cells: {} of {exact}",
+                own.fixed_area
+            );
+        }
+    }
+
+    #[test]
+    fn linear_and_quadratic_tets_are_fixed_at_the_same_faces() {
+        let mesh = ball(6);
+        let linear = table(&mesh, DVec3::NEG_Z);
+        let finer = mesh.with_mid_edge_nodes().unwrap();
+        let quadratic = table(&finer, DVec3::NEG_Z);
+        assert_eq!(linear.fixed_area, quadratic.fixed_area);
+        assert_eq!(linear.nodes, quadratic.nodes);
+        // The nodes that are 0 where all linear functions are.
+        let mut fixed = vec![false; mesh.nodes.len()];
+        linear.nodes.iter().for_each(|v| fixed[*v as usize] = true);
+        let same = FinerSpace::new(&mesh).unwrap().fixed_nodes(&fixed);
+        let nodes = quadratic.region().nodes(&finer).unwrap();
+        assert!(nodes == same && nodes.len() > 2 * linear.nodes.len());
     }
 
     #[test]

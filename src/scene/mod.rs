@@ -89,7 +89,7 @@ pub use pieces::{Piece, write_pieces};
 pub use preloaded::Preloaded;
 pub(crate) use reactions::NamedPins;
 pub use reactions::ReactionLog;
-pub(crate) use region::{Axis, LabelOrName, Region};
+pub(crate) use region::{LabelOrName, Region};
 #[cfg(feature = "study")]
 pub(crate) use stage::median_ms;
 pub use stage::{CgReport, FieldRanges, PendingImage, Stage, StageReport, ToolReport};

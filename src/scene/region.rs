@@ -50,6 +50,9 @@ pub(crate) struct Region {
     pub z_above: Option<f64>,
     /// Label or name of a region: nodes of its tetrahedra.
     pub label: Option<LabelOrName>,
+    /// These corners of elements, whatever else is given; not in files.
+    #[serde(skip)]
+    pub listed: Option<Vec<u32>>,
 }
 
 /// A region of a mesh: its value in the cell field `label`, or its name in the mesh.
@@ -89,11 +92,16 @@ pub(crate) enum Axis {
 }
 
 impl Region {
-    /// Returns the nodes of `mesh` in this region, in order.
+    /// Returns the nodes of `mesh` in this region, in order: of quadratic tets the corners in it and the
+    /// middles of edges between them, so that it has the same faces as with linear tets; without any
+    /// corner in it, the middles.
     ///
     /// # Errors
     /// [`Error::Input`] if the region is invalid or contains no node.
     pub fn nodes(&self, mesh: &TetMesh) -> Result<Vec<u32>> {
+        if let Some(listed) = &self.listed {
+            return Ok(mesh.nodes_between(listed.clone()));
+        }
         self.check()?;
         let bounds = mesh.bounds();
         let labelled = match &self.label {
@@ -111,7 +119,7 @@ impl Region {
                 bounds.0, bounds.1
             )));
         }
-        Ok(nodes)
+        Ok(mesh.nodes_between(nodes))
     }
 
     fn check(&self) -> Result<()> {

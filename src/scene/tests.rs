@@ -218,7 +218,7 @@ fn region_bounds_use_mesh_unit() {
     assert!(said.contains("hip"), "{said}");
     // Regions created by code are checked as well.
     let made = Region {
-        axis: Some(super::Axis::Z),
+        axis: Some(super::region::Axis::Z),
         below: Some(-0.6),
         ..Region::default()
     };

@@ -133,7 +133,7 @@ impl Sites {
         };
         let depth = wanted.depth.unwrap_or(DEPTH * typical);
         let fits = |spot: &PressSite| {
-            !table.holds(spot.point) && spot.thickness >= MIN_THICKNESS_RATIO * depth
+            !table.reaches(spot.point) && spot.thickness >= MIN_THICKNESS_RATIO * depth
         };
         let (fit, thin): (Vec<_>, Vec<_>) = found.into_iter().partition(|(_, spot)| fits(spot));
         if fit.is_empty() {
