@@ -1,4 +1,4 @@
-//! A body at rest: its model, its state, its loads and its measured forces.
+//! A body at rest or in a step: its model, its state, its loads and its measured forces.
 
 use crate::mesh::TetMesh;
 use crate::physics::{DiscreteModel, ForceBalance, Material, Muscle, NodeTerm, Tool, ToolId};
@@ -17,7 +17,7 @@ pub(super) struct MeasuredForces {
     pub rigid: Vec<[DVec3; 2]>,
 }
 
-/// A body at rest.
+/// A body at rest, or in a step.
 pub(super) struct Equilibrium<'a> {
     pub mesh: &'a TetMesh,
     pub material: &'a Material,
@@ -39,6 +39,8 @@ pub(super) struct Equilibrium<'a> {
     pub element_of_tet: Vec<Option<usize>>,
     /// Positions, m from the origin of the frame.
     pub x: Vec<DVec3>,
+    /// Force of inertia and mass damping over the mass of every node, m/s²; empty at rest.
+    pub inertia: Vec<DVec3>,
     pub forces: MeasuredForces,
 }
 

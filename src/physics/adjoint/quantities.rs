@@ -41,6 +41,27 @@ pub(super) enum PreparedQuantity {
     Force(Box<AdjointSeed>, f64),
 }
 
+/// The seed of an adjoint, the value of its quantity, and the quantity if it is a function.
+pub(super) type PreparedSeed = (AdjointSeed, f64, Option<Box<dyn StateFunction>>);
+
+impl PreparedQuantity {
+    /// Returns the seed of the adjoint at the state of `body`.
+    pub fn into_seed(self, body: &Equilibrium<'_>) -> PreparedSeed {
+        match self {
+            PreparedQuantity::Force(seed, value) => (*seed, value, None),
+            PreparedQuantity::Function(function) => {
+                let seed = AdjointSeed {
+                    gradient: function.gradient(body),
+                    amplitudes: body.amplitudes,
+                    ..AdjointSeed::default()
+                };
+                let value = function.value(body, body.network, &body.x);
+                (seed, value, Some(function))
+            }
+        }
+    }
+}
+
 /// Prepares a quantity of `body`, whose forces are measured.
 ///
 /// # Errors

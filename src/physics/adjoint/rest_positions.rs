@@ -14,27 +14,35 @@ use glam::{DMat3, DVec3};
 /// Step of the differences, over the shortest edge at the node.
 const DIFFERENCE_STEP: f64 = 1e-3;
 
-/// Returns the derivative by the rest position of a node along `direction`, per file unit.
+/// Checks that a body has a derivative by the rest position of a node.
 ///
 /// # Errors
 /// [`Error::Input`] for an unknown node, one of a rigid region, and a body with self-contact.
-pub(super) fn rest_position_slope(
-    sensitivity: &Sensitivity<'_>,
-    node: u32,
-    direction: DVec3,
-) -> Result<f64> {
-    let body = sensitivity.body;
+pub(super) fn check_rest_position(body: &Equilibrium<'_>, node: u32) -> Result<()> {
     body.check_nodes([node])?;
     if body.is_rigid(node) {
         return Err(Error::Input(format!(
             "node {node} belongs to a rigid region, which has no derivative by rest positions; choose a node of the soft tissue"
         )));
     }
-    if body.has_self_contact {
-        return Err(Error::Input(
+    match body.has_self_contact {
+        true => Err(Error::Input(
             "the gaps of self-contact depend on the distances at rest: there is no derivative by rest positions; disable self-contact".into(),
-        ));
+        )),
+        false => Ok(()),
     }
+}
+
+/// Returns the derivative by the rest position of a node along `direction`, per file unit.
+///
+/// # Errors
+/// [`Error::Input`] if the moved mesh has no model.
+pub(super) fn rest_position_slope(
+    sensitivity: &Sensitivity<'_>,
+    node: u32,
+    direction: DVec3,
+) -> Result<f64> {
+    let body = sensitivity.body;
     let length = direction.length();
     if length == 0.0 {
         return Ok(0.0);

@@ -1,67 +1,146 @@
 //! Gradients of tetrahedral bodies on the CPU.
 
 use super::equilibrium::{Equilibrium, MeasuredForces, check_balance, elements_of_tets};
+use super::motion::{MotionTask, STATE_MEMORY, gradient_of_motion};
 use super::parameters::gradient;
+use crate::mesh::TetMesh;
+use crate::physics::cpu::{BodyModel, CpuTetModel, StepFailure, StepParts};
 use crate::physics::{
-    CpuTets, Gradient, Gradients, Parameter, Precision, Quantity, ScaledLoad, Simulator,
+    CpuTets, Gradient, Gradients, Loads, MotionQuantity, Parameter, Precision, Quantity,
+    ScaledLoad, Simulator,
 };
+use crate::progress::ProgressFn;
 use crate::{Error, Result};
+use glam::DVec3;
 
 impl Gradients for CpuTets {
     fn gradient(&mut self, quantity: &Quantity, parameters: &[Parameter]) -> Result<Gradient> {
-        if !self.model.kind.is_implicit() {
-            return Err(Error::Input(format!(
-                "a gradient requires an implicit scheme, not {}; use --solver implicit",
-                self.model.kind
-            )));
-        }
-        if self.model.precision != Precision::Double {
-            return Err(single_precision());
-        }
-        self.sync_loads()?;
-        self.finish()?;
-        let network = &self.model.network;
-        let stiffness = network.nodal_stiffness();
-        let loads = self.model.scaled_loads.iter().zip(self.loads.amplitudes());
-        let muscles = loads.filter_map(|(load, amplitude)| match load {
-            ScaledLoad::Muscle(muscle) => Some((muscle, *amplitude)),
-            ScaledLoad::Pressure(_) => None,
-        });
-        let muscles = muscles.collect();
+        prepare(self, "a gradient")?;
+        let stiffness = self.model.network.nodal_stiffness();
         let faces = self.boundary();
         let mut body = self.worker.body();
         let imbalance = check_balance(&body.force_balance(&stiffness))?;
-        let equilibrium = Equilibrium {
-            mesh: &self.mesh,
-            material: &self.model.material,
-            network,
-            terms: &self.model.terms,
-            tools: &self.model.tools,
-            faces: &faces,
-            muscles,
-            has_self_contact: self.model.self_contact.is_some(),
-            amplitudes: self.model.scaled_loads.len(),
-            gravity: self.loads.gravity(),
-            pinned: self.loads.pinned(),
-            fixed: self.loads.fixed_nodes(),
-            element_of_tet: elements_of_tets(network, &self.mesh),
-            x: body.positions(),
-            forces: MeasuredForces {
+        let forces = MeasuredForces {
+            tools: body.tool_forces(),
+            nodes: body.forces(),
+            rigid: body.rigid_forces(),
+        };
+        let of = (&self.model, &self.mesh, &self.loads);
+        let equilibrium = equilibrium(of, &faces, (body.positions(), forces));
+        let adjoint = body.static_adjoint().ok_or_else(single_precision)?;
+        let found = gradient(&equilibrium, adjoint, quantity, parameters)?;
+        Ok(Gradient { imbalance, ..found })
+    }
+
+    fn gradient_of_motion(
+        &mut self,
+        (steps, dt): (u32, f64),
+        quantity: &MotionQuantity,
+        parameters: &[Parameter],
+        progress: ProgressFn<'_>,
+    ) -> Result<Gradient> {
+        prepare(self, "a gradient of a motion")?;
+        let faces = self.boundary();
+        let before = self.progress;
+        let error = |failure: StepFailure, taken: u32| {
+            let (cause, what) = self.model.describe_failure(&failure);
+            Error::Solver {
+                solver: self.model.solver_name(),
+                step: before.steps + u64::from(taken) + 1,
+                time: before.time + f64::from(taken) * dt,
+                cause,
+                what,
+                advice: self.model.failure_advice(dt, &self.loads),
+            }
+        };
+        let done = {
+            let mut body = self.worker.body();
+            let forces = MeasuredForces {
                 tools: body.tool_forces(),
                 nodes: body.forces(),
                 rigid: body.rigid_forces(),
-            },
+            };
+            let of = (&self.model, &self.mesh, &self.loads);
+            let moving = equilibrium(of, &faces, (body.positions(), forces));
+            let task = MotionTask {
+                steps,
+                dt,
+                quantity,
+                parameters,
+                memory: STATE_MEMORY,
+                parts: StepParts::default(),
+                progress,
+                error: &error,
+            };
+            let adjoint = body.motion_adjoint().ok_or_else(single_precision)?;
+            gradient_of_motion(moving, adjoint, &task)
         };
-        let Some(adjoint) = body.static_adjoint() else {
-            return Err(single_precision());
-        };
-        let found = gradient(&equilibrium, adjoint, quantity, parameters)?;
-        Ok(Gradient { imbalance, ..found })
+        self.progress = self.worker.count_steps(done.taken, dt, done.last);
+        self.changes += 1;
+        self.upload_now()?;
+        done.gradient
+    }
+
+    fn use_double_precision(&mut self) -> Result<()> {
+        self.finish()?;
+        if self.model.precision == Precision::Double {
+            return Ok(());
+        }
+        let (positions, velocities) = (self.positions()?, self.velocities()?);
+        self.model.precision = Precision::Double;
+        self.rebuild_body(&positions, &velocities)
+    }
+}
+
+/// Checks that a body has gradients, and waits for it.
+fn prepare(body: &mut CpuTets, what: &str) -> Result<()> {
+    if !body.model.kind.is_implicit() {
+        return Err(Error::Input(format!(
+            "{what} requires an implicit scheme, not {}; use --solver implicit",
+            body.model.kind
+        )));
+    }
+    if body.model.precision != Precision::Double {
+        return Err(single_precision());
+    }
+    body.sync_loads()?;
+    body.finish()?;
+    Ok(())
+}
+
+/// Returns the body of a model with loads, at positions (m) with forces.
+fn equilibrium<'a>(
+    (model, mesh, loads): (&'a CpuTetModel, &'a TetMesh, &'a Loads),
+    faces: &'a [[u32; 3]],
+    (x, forces): (Vec<DVec3>, MeasuredForces),
+) -> Equilibrium<'a> {
+    let all = model.scaled_loads.iter().zip(loads.amplitudes());
+    let muscles = all.filter_map(|(load, amplitude)| match load {
+        ScaledLoad::Muscle(muscle) => Some((muscle, *amplitude)),
+        ScaledLoad::Pressure(_) => None,
+    });
+    Equilibrium {
+        mesh,
+        material: &model.material,
+        network: &model.network,
+        terms: &model.terms,
+        tools: &model.tools,
+        faces,
+        muscles: muscles.collect(),
+        has_self_contact: model.self_contact.is_some(),
+        amplitudes: model.scaled_loads.len(),
+        gravity: loads.gravity(),
+        pinned: loads.pinned(),
+        fixed: loads.fixed_nodes(),
+        element_of_tet: elements_of_tets(&model.network, mesh),
+        x,
+        inertia: Vec::new(),
+        forces,
     }
 }
 
 fn single_precision() -> Error {
     Error::Input(
-        "a gradient requires double precision; create the body with Precision::Double".into(),
+        "a gradient requires double precision; create the body with Precision::Double, or change it by Gradients::use_double_precision".into(),
     )
 }

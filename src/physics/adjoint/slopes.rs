@@ -42,6 +42,9 @@ impl MaterialSlopes {
                 for (lame, mu) in slopes.lame.iter_mut().zip(of_elements) {
                     lame[0] += mu;
                 }
+                for (sum, lame) in slopes.lame.iter_mut().zip(&solution.lame) {
+                    sum.iter_mut().zip(lame).for_each(|(sum, by)| *sum += by);
+                }
             }
             None => slopes.edges = edge_slopes(body, solution, is_energy),
         }
@@ -87,7 +90,8 @@ pub(super) fn mass_slopes(
             derivative(at, MASS_DIFFERENCE_STEP * m.max(f64::MIN_POSITIVE))
         };
         let terms: f64 = body.terms.iter().map(of_term).sum();
-        solution.loads[v].dot(body.gravity) + terms
+        let inertia = body.inertia.get(v).copied().unwrap_or_default();
+        solution.loads[v].dot(body.gravity - inertia) + terms
     };
     (0..body.x.len()).map(of_node).collect()
 }

@@ -1,11 +1,13 @@
-//! Gradients against central differences of re-solved equilibria. Shared cases; the tests are in the
-//! files below.
+//! Gradients against central differences of re-solved equilibria. Shared cases; the tests are in
+//! the files below.
 #![allow(clippy::unwrap_used)]
 
 mod contact_tests;
 mod faults;
 mod load_tests;
 mod material_tests;
+mod motion_faults;
+mod motion_tests;
 
 use super::equilibrium::{Equilibrium, MeasuredForces, check_balance, elements_of_tets};
 use super::parameters::gradient;
@@ -50,6 +52,11 @@ pub(super) struct Case {
     pub steps: u32,
     /// Length of a step, s.
     pub dt: f64,
+    /// Displacements and velocities at the start of a motion, file units; empty for a body at rest.
+    pub offsets: Vec<DVec3>,
+    pub velocities: Vec<DVec3>,
+    /// Factor of the steps of differences: small where contact or an eigenvalue changes its sign.
+    pub difference: f64,
 }
 
 /// A settled body.
@@ -99,6 +106,9 @@ pub(super) fn bar(model: MaterialModel) -> Case {
         newton: Some(NEWTON),
         steps: 8,
         dt: 1e4,
+        offsets: Vec::new(),
+        velocities: Vec::new(),
+        difference: 1.0,
     }
 }
 
@@ -162,8 +172,8 @@ impl Case {
             .collect()
     }
 
-    /// Settles the body in long steps.
-    pub fn settle(&self) -> Settled {
+    /// Creates the body at its start.
+    pub fn start(&self) -> Settled {
         let network = DiscreteModel::new(&self.mesh, &self.material).unwrap();
         let settings = match self.newton {
             Some(_) => CgSettings {
@@ -212,16 +222,29 @@ impl Case {
             body.set_node_constraints(&fixed.collect::<Vec<_>>())
                 .unwrap();
         }
-        let mut iterations = 0;
-        for _ in 0..self.steps {
-            iterations += body.run(1, self.dt).unwrap().iterations;
+        if !self.offsets.is_empty() {
+            let mut x = network.rest_positions.clone();
+            x.iter_mut().zip(&self.offsets).for_each(|(x, u)| *x += *u);
+            for v in self.far_pins() {
+                x[v as usize] += self.pull;
+            }
+            body.set_state(&x, &self.velocities).unwrap();
         }
         Settled {
             body,
             network,
             faces,
-            iterations,
+            iterations: 0,
         }
+    }
+
+    /// Settles the body in long steps.
+    pub fn settle(&self) -> Settled {
+        let mut settled = self.start();
+        for _ in 0..self.steps {
+            settled.iterations += settled.body.run(1, self.dt).unwrap().iterations;
+        }
+        settled
     }
 
     /// Returns the body at rest.
@@ -248,6 +271,7 @@ impl Case {
             fixed: self.pinned.clone(),
             element_of_tet: elements_of_tets(network, &self.mesh),
             x: body.positions(),
+            inertia: Vec::new(),
             forces: MeasuredForces {
                 tools: body.tool_forces(),
                 nodes: body.forces(),
@@ -339,13 +363,19 @@ impl Case {
             Parameter::RestPosition { node, direction } => {
                 case.mesh.nodes[*node as usize] += by * *direction;
             }
+            Parameter::InitialPosition { node, direction } => {
+                case.offsets[*node as usize] += by * *direction;
+            }
+            Parameter::InitialVelocity { node, direction } => {
+                case.velocities[*node as usize] += by * *direction;
+            }
         }
         case
     }
 
     /// Step of the differences of a parameter.
-    fn step(parameter: &Parameter) -> f64 {
-        match parameter {
+    fn step(&self, parameter: &Parameter) -> f64 {
+        let step = match parameter {
             Parameter::Young { .. } => 5e-3 * YOUNG,
             Parameter::Poisson { .. } => 2e-4,
             Parameter::Density { .. } => 10.0,
@@ -356,19 +386,28 @@ impl Case {
             Parameter::ToolPosition { .. } => 2e-6,
             Parameter::ToolRotation { .. } => 2e-4,
             Parameter::Support { .. } => 2e-5,
-            Parameter::RestPosition { .. } => 2e-5,
-        }
+            Parameter::RestPosition { .. } | Parameter::InitialPosition { .. } => 2e-5,
+            Parameter::InitialVelocity { .. } => 2e-3,
+        };
+        self.difference * step
     }
 
     /// Returns for each quantity and parameter the derivative by differences of fourth order.
     pub fn differences(&self, quantities: &[Quantity], parameters: &[Parameter]) -> Vec<Vec<f64>> {
-        let mut all = vec![Vec::new(); quantities.len()];
+        self.differences_of(parameters, |case| case.values(&case.settle(), quantities))
+    }
+
+    /// As [`Case::differences`], of the numbers that `values` returns.
+    fn differences_of(
+        &self,
+        parameters: &[Parameter],
+        values: impl Fn(&Case) -> Vec<f64>,
+    ) -> Vec<Vec<f64>> {
+        let mut all = Vec::new();
         for parameter in parameters {
-            let h = Self::step(parameter);
-            let values = [-2.0, -1.0, 1.0, 2.0].map(|by| {
-                let case = self.changed(parameter, by * h);
-                case.values(&case.settle(), quantities)
-            });
+            let h = self.step(parameter);
+            let values = [-2.0, -1.0, 1.0, 2.0].map(|by| values(&self.changed(parameter, by * h)));
+            all.resize(values[0].len(), Vec::new());
             for (q, derivatives) in all.iter_mut().enumerate() {
                 let [a, b, c, d] = [0, 1, 2, 3].map(|k| values[k][q]);
                 derivatives.push((8.0 * (c - b) - (d - a)) / (12.0 * h));
@@ -385,23 +424,38 @@ impl Case {
         let mut worst: f64 = 0.0;
         for (quantity, expected) in quantities.iter().zip(&differences) {
             let found = self.gradient(&mut settled, quantity, parameters).unwrap();
-            for (k, parameter) in parameters.iter().enumerate() {
-                let (a, b) = (found.derivatives[k], expected[k]);
-                // Values of the quantity have rounding errors, which differences magnify.
-                let floor = 1e-7 * found.value.abs() / Self::step(parameter);
-                let scale = b.abs().max(floor);
-                let off = (a - b).abs() / scale;
-                println!("{quantity:?} {parameter:.60?}: {a:.9e} {b:.9e} {off:.1e}");
-                worst = worst.max(off);
-                assert!(
-                    off <= tolerance,
-                    "{quantity:?} by {parameter:?}: {a} instead of {b} ({off:.1e})"
-                );
-                let wrong = (1.001 * a - b).abs() / scale;
-                assert!(a.abs() < 1e-2 * scale || wrong > tolerance);
-            }
+            let name = format!("{quantity:?}");
+            worst = worst.max(self.compare(&name, &found, (parameters, expected), tolerance));
         }
         println!("largest relative difference {worst:.1e}");
+        worst
+    }
+
+    /// Checks the derivatives of the quantity `name` against differences. Returns the largest
+    /// relative difference.
+    fn compare(
+        &self,
+        name: &str,
+        found: &Gradient,
+        (parameters, expected): (&[Parameter], &[f64]),
+        tolerance: f64,
+    ) -> f64 {
+        let mut worst: f64 = 0.0;
+        for (k, parameter) in parameters.iter().enumerate() {
+            let (a, b) = (found.derivatives[k], expected[k]);
+            // Values of the quantity have rounding errors, which differences magnify.
+            let floor = 1e-7 * found.value.abs() / self.step(parameter);
+            let scale = b.abs().max(floor);
+            let off = (a - b).abs() / scale;
+            println!("{name} {parameter:.60?}: {a:.9e} {b:.9e} {off:.1e}");
+            worst = worst.max(off);
+            assert!(
+                off <= tolerance,
+                "{name} by {parameter:?}: {a} instead of {b} ({off:.1e})"
+            );
+            let wrong = (1.001 * a - b).abs() / scale;
+            assert!(a.abs() < 1e-2 * scale || wrong > tolerance);
+        }
         worst
     }
 }

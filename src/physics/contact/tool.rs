@@ -10,6 +10,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ToolId(pub(in crate::physics) usize);
 
+impl ToolId {
+    /// Returns the tool of a body that was added after `index` others.
+    pub fn from_index(index: usize) -> ToolId {
+        ToolId(index)
+    }
+}
+
 /// Pose of a tool: position of its shape's origin, in file units, and rotation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ToolPose {

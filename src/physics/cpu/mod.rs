@@ -35,8 +35,8 @@ pub(super) use node_constraints::NodeConstraint;
 pub(super) use node_constraints::check_attachments;
 #[cfg(feature = "rapier")]
 pub(super) use rigid::closest_rotation::closest_rotation;
-#[cfg(feature = "rapier")]
 pub(super) use runtime::energy_guard::StepFailure;
+pub(super) use runtime::motion_adjoint::{MotionAdjoint, MotionState, StateAdjoint, StepParts};
 #[cfg(test)]
 pub(super) use runtime::static_adjoint::TangentParts;
 pub(super) use runtime::static_adjoint::{AdjointSeed, AdjointSolution, StaticAdjoint};
@@ -44,12 +44,14 @@ pub(super) use runtime::static_adjoint::{AdjointSeed, AdjointSolution, StaticAdj
 pub(super) use runtime::steppable::TetBody;
 #[cfg(feature = "rapier")]
 pub(super) use runtime::steppable::{LoadUpdate, Steppable, ToolTarget};
+pub(super) use runtime::threaded_simulator::BodyModel;
 #[cfg(feature = "rapier")]
-pub(super) use runtime::threaded_simulator::{BodyModel, ThreadedSimulator};
+pub(super) use runtime::threaded_simulator::ThreadedSimulator;
 
 #[cfg(test)]
 pub(super) use body::CpuBody;
 pub(crate) use body::tets::CpuState;
+pub(super) use body::tets::CpuTetModel;
 pub use body::tets::CpuTets;
 pub use grid::simulator::CpuGrid;
 pub(crate) use grid::simulator::CpuGridState;

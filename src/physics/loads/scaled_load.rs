@@ -9,6 +9,13 @@ use glam::DVec3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AmplitudeId(pub(in crate::physics) usize);
 
+impl AmplitudeId {
+    /// Returns the amplitude of the load of a body that was added after `index` others.
+    pub fn from_index(index: usize) -> AmplitudeId {
+        AmplitudeId(index)
+    }
+}
+
 /// Tets that contract along fibres.
 ///
 /// Ψ = ½ a T |F m|² per volume at rest, where m is the fibre direction at rest, T the tension at

@@ -1,7 +1,8 @@
-//! Gradients of a quantity of a body at rest by its parameters.
+//! Gradients of a quantity of a body at rest or in motion by its parameters.
 
 use crate::Result;
 use crate::physics::{AmplitudeId, ToolId};
+use crate::progress::ProgressFn;
 use glam::DVec3;
 
 /// A number that the state of a body determines. Directions need not be unit vectors.
@@ -58,8 +59,27 @@ pub enum Quantity {
     ElasticEnergy,
 }
 
-/// A number on which the equilibrium of a body depends. Directions need not be unit vectors: the
-/// derivative is by their multiple.
+/// A number that the motion of a body determines.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MotionQuantity {
+    /// The quantity at the end.
+    AtEnd(Quantity),
+    /// The integral of the quantity over time: the sum of its values after every step times the
+    /// length of the step, s.
+    Integral(Quantity),
+}
+
+impl MotionQuantity {
+    /// Returns the quantity at one time.
+    pub(in crate::physics) fn at_one_time(&self) -> &Quantity {
+        match self {
+            MotionQuantity::AtEnd(quantity) | MotionQuantity::Integral(quantity) => quantity,
+        }
+    }
+}
+
+/// A number on which the equilibrium or the motion of a body depends; constant in time. Directions
+/// need not be unit vectors: the derivative is by their multiple.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Parameter {
     /// The stiffness of the material of tets, of all by the same amount: Young's modulus in Pa, or
@@ -113,8 +133,23 @@ pub enum Parameter {
         /// The direction.
         direction: DVec3,
     },
-    /// Rest position of a node along a direction, in file units; pinned nodes move with it.
+    /// Rest position of a node along a direction, in file units; pinned nodes move with it, and in
+    /// a motion all nodes: their displacements at the start stay.
     RestPosition {
+        /// The node.
+        node: u32,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Position of a free node at the start of a motion along a direction, in file units.
+    InitialPosition {
+        /// The node.
+        node: u32,
+        /// The direction.
+        direction: DVec3,
+    },
+    /// Velocity of a free node at the start of a motion along a direction, in file units/s.
+    InitialVelocity {
         /// The node.
         node: u32,
         /// The direction.
@@ -122,7 +157,7 @@ pub enum Parameter {
     },
 }
 
-/// A quantity and its derivatives at an equilibrium.
+/// A quantity and its derivatives.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gradient {
     /// The quantity.
@@ -130,13 +165,15 @@ pub struct Gradient {
     /// Its derivative by each parameter.
     pub derivatives: Vec<f64>,
     /// Net force on the free nodes over the loads: how far the state is from equilibrium. The
-    /// derivatives are in error by about as much.
+    /// derivatives are in error by about as much. In a motion: the largest net force of a step,
+    /// inertia included, over its largest force.
     pub imbalance: f64,
-    /// Iterations of conjugate gradients.
+    /// Iterations of conjugate gradients, without those of steps.
     pub iterations: u32,
 }
 
-/// Gradients by the adjoint method: one linear solve for any number of parameters.
+/// Gradients by the adjoint method: one linear solve for any number of parameters, in a motion one
+/// for each step.
 pub trait Gradients {
     /// Returns a quantity of the body at rest and its derivatives by parameters: those of the
     /// equilibrium near the current state, which must be one. Friction has no part in it.
@@ -146,4 +183,28 @@ pub trait Gradients {
     /// stepped by an implicit scheme in double precision, for an unknown node, tet, tool or region,
     /// and if the linear solve does not converge.
     fn gradient(&mut self, quantity: &Quantity, parameters: &[Parameter]) -> Result<Gradient>;
+
+    /// Takes a number of steps of a length in seconds from the current state, with constant loads
+    /// and to a residual of 1e-10, and returns a quantity of this motion and its derivatives by
+    /// parameters. It keeps up to 1 GiB of states; a longer motion is computed twice. `progress`
+    /// gets the fraction of both passes.
+    ///
+    /// # Errors
+    /// [`Error::Solver`](crate::Error::Solver) if a step fails;
+    /// [`Error::Input`](crate::Error::Input) as [`Gradients::gradient`], and for a body of springs,
+    /// with rigid regions, friction, moving supports or tools, which have no gradient of a motion;
+    /// [`Error::Cancelled`](crate::Error::Cancelled). The body keeps the steps that were taken.
+    fn gradient_of_motion(
+        &mut self,
+        steps: (u32, f64),
+        quantity: &MotionQuantity,
+        parameters: &[Parameter],
+        progress: ProgressFn<'_>,
+    ) -> Result<Gradient>;
+
+    /// Steps the body in double precision from now on; it keeps its state.
+    ///
+    /// # Errors
+    /// [`Error::Solver`](crate::Error::Solver) if a requested step failed.
+    fn use_double_precision(&mut self) -> Result<()>;
 }

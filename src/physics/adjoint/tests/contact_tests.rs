@@ -25,7 +25,7 @@ pub(super) fn tool_on_bar(shape: Shape, friction: f64) -> Case {
     case
 }
 
-fn tool_parameters() -> Vec<Parameter> {
+pub(super) fn tool_parameters() -> Vec<Parameter> {
     let tool = ToolId(0);
     vec![
         Parameter::ToolPosition {

@@ -114,8 +114,8 @@ fn gradients_with_averaged_volumes_match_differences() {
     }
 }
 
-#[test]
-fn gradients_of_quadratic_tets_match_differences() {
+/// Returns the bar of ten-node tets.
+pub(super) fn quadratic_bar() -> Case {
     let mut case = bar(MaterialModel::NeoHookean);
     let size = DVec3::new(0.12, 0.06, 0.05);
     let mut mesh = box_mesh([2, 1, 1], size, Split::Five)
@@ -135,7 +135,12 @@ fn gradients_of_quadratic_tets_match_differences() {
     case.loads = vec![DVec3::ZERO; mesh.nodes.len()];
     case.mesh = mesh;
     case.material.order = ElementOrder::Quadratic;
-    check_all(&case, true);
+    case
+}
+
+#[test]
+fn gradients_of_quadratic_tets_match_differences() {
+    check_all(&quadratic_bar(), true);
 }
 
 #[test]

@@ -8,6 +8,7 @@ pub(super) mod force_assembly;
 mod force_balance;
 mod freedoms;
 pub(super) mod implicit_step;
+mod motion_adjoint;
 pub(super) mod rigid;
 #[cfg(test)]
 pub(super) mod scaled_load_tests;
@@ -16,6 +17,7 @@ pub(super) mod state;
 mod static_adjoint;
 pub(super) mod step;
 mod steppable;
+mod tangent;
 #[cfg(test)]
 pub(super) mod tests;
 pub(super) mod tets;

@@ -52,7 +52,7 @@ impl<T: Real> CpuBody<T> {
     }
 
     /// Recomputes the forces of a state that was changed from outside.
-    fn prepare_forces(&mut self) -> Result<(), StepFailure> {
+    pub(super) fn prepare_forces(&mut self) -> Result<(), StepFailure> {
         if self.start == ForceStatus::Ready {
             return Ok(());
         }

@@ -5,6 +5,7 @@ use crate::Result;
 use crate::physics::cpu::node_terms::NodeTerms;
 use crate::physics::cpu::pressure::LoadedFace;
 use crate::physics::cpu::runtime::energy_guard::StepFailure;
+use crate::physics::cpu::runtime::motion_adjoint::MotionAdjoint;
 use crate::physics::cpu::runtime::static_adjoint::StaticAdjoint;
 use crate::physics::cpu::runtime::steppable::{
     LoadUpdate, Precision, Resumable, Steppable, TetBody, pack, unpack,
@@ -137,6 +138,12 @@ impl<T: Real> TetBody for CpuBody<T> {
     }
 
     fn static_adjoint(&mut self) -> Option<&mut dyn StaticAdjoint> {
+        let body: &mut dyn Any = self;
+        let body = body.downcast_mut::<CpuBody<f64>>()?;
+        Some(body)
+    }
+
+    fn motion_adjoint(&mut self) -> Option<&mut dyn MotionAdjoint> {
         let body: &mut dyn Any = self;
         let body = body.downcast_mut::<CpuBody<f64>>()?;
         Some(body)

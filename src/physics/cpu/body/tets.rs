@@ -162,7 +162,11 @@ impl CpuTets {
     }
 
     /// Rebuilds the body from the current network, in the given state.
-    pub(super) fn rebuild_body(&mut self, positions: &[DVec3], velocities: &[DVec3]) -> Result<()> {
+    pub(in crate::physics) fn rebuild_body(
+        &mut self,
+        positions: &[DVec3],
+        velocities: &[DVec3],
+    ) -> Result<()> {
         let mut body = self.body(None)?;
         body.set_state(
             &self.to_metres(positions),

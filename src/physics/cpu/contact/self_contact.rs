@@ -154,6 +154,11 @@ impl<T: Real> SelfContactTerm<T> {
             && !self.surface.crossings(u).is_empty()
     }
 
+    /// Whether the step began with intersections, which it separates.
+    pub fn is_separating(&self) -> bool {
+        !self.separation_springs.is_empty()
+    }
+
     fn select_candidates(
         &mut self,
         with: (&[V4<T>], &[T], &Partition),

@@ -43,6 +43,12 @@ pub(in crate::physics::cpu) trait ElementBatch<T: Real>:
     /// Returns the nodes of an element.
     fn nodes(item: &Self::Item) -> &[u32];
 
+    /// Returns the index of an element.
+    fn element(item: &Self::Item) -> usize;
+
+    /// Returns an element with its nodes, in the same order, numbered from `first`.
+    fn renumbered(item: &Self::Item, first: u32) -> Self::Item;
+
     /// Creates a batch of up to four elements; the padding refers to node `fill`.
     fn new(own: &[Counted<Self::Item>], sources: &ElementSources<'_>, fill: u32) -> Self;
 
@@ -113,6 +119,14 @@ impl<T: Real> ElementBatch<T> for TetBatch<T> {
 
     fn nodes(item: &SortedTet) -> &[u32] {
         &item.0
+    }
+
+    fn element((_, _, t): &SortedTet) -> usize {
+        *t as usize
+    }
+
+    fn renumbered((_, turn, t): &SortedTet, first: u32) -> SortedTet {
+        ([0, 1, 2, 3].map(|k| first + k), *turn, *t)
     }
 
     fn new(own: &[CountedTet], sources: &ElementSources<'_>, fill: u32) -> TetBatch<T> {

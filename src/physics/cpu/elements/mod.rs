@@ -1,6 +1,7 @@
 //! Finite elements: batches of tets, their kernels, averaged nodal volumes and muscles.
 
 pub(super) mod batch;
+pub(super) mod damping_derivatives;
 pub(super) mod element_batch;
 pub(super) mod kernels;
 pub(super) mod muscle;

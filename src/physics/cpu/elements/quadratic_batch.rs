@@ -181,6 +181,14 @@ impl<T: Real> ElementBatch<T> for QuadraticBatch<T> {
         &item.0
     }
 
+    fn element((_, t): &Self::Item) -> usize {
+        *t as usize
+    }
+
+    fn renumbered((_, t): &Self::Item, first: u32) -> Self::Item {
+        (std::array::from_fn(|k| first + k as u32), *t)
+    }
+
     fn new(own: &[Counted<Self::Item>], sources: &ElementSources<'_>, fill: u32) -> Self {
         let (elements, units) = (sources.elements, sources.units);
         let mut nodes = [[fill; QUADRATIC_NODES]; 4];

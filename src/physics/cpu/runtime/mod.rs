@@ -5,6 +5,7 @@ pub(super) mod checkpoint;
 pub(super) mod energy_guard;
 pub(super) mod inversion;
 pub(super) mod load_sync;
+pub(in crate::physics) mod motion_adjoint;
 mod simulator;
 pub(in crate::physics) mod static_adjoint;
 pub(super) mod steppable;

@@ -68,6 +68,8 @@ pub(in crate::physics) struct AdjointSolution {
     pub tools: Vec<ToolSlopes>,
     /// By area times Young's modulus of each boundary face, 1/N; empty without contact.
     pub faces: Vec<f64>,
+    /// By the Lamé parameters of each element through the damping of a step; empty without.
+    pub lame: Vec<[f64; 2]>,
     /// By each amplitude.
     pub amplitudes: Vec<f64>,
     /// Iterations of conjugate gradients.

@@ -2,6 +2,7 @@
 //! over the number type would be compiled again by every program that uses the library.
 
 use super::energy_guard::StepFailure;
+use super::motion_adjoint::MotionAdjoint;
 use super::static_adjoint::StaticAdjoint;
 use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::cpu::pressure::LoadedFace;
@@ -113,6 +114,9 @@ pub(in crate::physics) trait TetBody: Resumable {
 
     /// The adjoint of its equilibrium; `None` in single precision.
     fn static_adjoint(&mut self) -> Option<&mut dyn StaticAdjoint>;
+
+    /// The adjoint of its steps; `None` in single precision.
+    fn motion_adjoint(&mut self) -> Option<&mut dyn MotionAdjoint>;
 
     /// Sets whether steps may invert tets.
     fn set_inversion_allowed(&mut self, allowed: bool);

@@ -197,6 +197,18 @@ impl<B: Steppable + ?Sized> Worker<B> {
         queue.iterations.clear();
     }
 
+    /// Counts steps that the body took outside the queue, and returns the progress.
+    pub fn count_steps(&self, steps: u32, dt: f64, last: Option<StepRecord>) -> StepProgress {
+        let mut queue = lock(&self.shared.queue);
+        queue.progress.steps += u64::from(steps);
+        queue.span.add(steps, dt);
+        queue.progress.time = queue.span.time();
+        if let Some(record) = last {
+            queue.progress.last = record;
+        }
+        queue.progress
+    }
+
     /// Returns the iteration counts of the latest steps, oldest first.
     pub fn iterations(&self) -> Vec<u32> {
         lock(&self.shared.queue)

@@ -1,0 +1,301 @@
+//! Gradients of a quantity of a moving body: its steps in reverse.
+//!
+//! The states of all steps are kept if they fit [`STATE_MEMORY`]. Otherwise checkpoints are kept
+//! every √n steps, and the steps between two of them are taken again, so that forward and reverse
+//! take at most 2n steps.
+
+use super::equilibrium::{Equilibrium, MeasuredForces};
+use super::parameters::{ModelNumbers, Sensitivity};
+use super::quantities::prepare;
+use crate::physics::cpu::{
+    AdjointSeed, MotionAdjoint, MotionState, StateAdjoint, StepFailure, StepParts,
+};
+use crate::physics::{Gradient, MotionQuantity, Parameter, Quantity, StepRecord};
+use crate::progress::{ProgressFn, ProgressScope};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// Bytes of the states of steps that are kept.
+pub(super) const STATE_MEMORY: usize = 1 << 30;
+
+/// Largest residual of a step over its forces.
+const MAX_RESIDUAL: f64 = 1e-3;
+
+/// The gradient of a motion that is to be computed.
+pub(super) struct MotionTask<'a> {
+    pub steps: u32,
+    /// Length of a step, s.
+    pub dt: f64,
+    pub quantity: &'a MotionQuantity,
+    pub parameters: &'a [Parameter],
+    /// Bytes of the states that are kept.
+    pub memory: usize,
+    pub parts: StepParts,
+    pub progress: ProgressFn<'a>,
+    /// Returns the error of a step that failed after a number of others.
+    pub error: &'a dyn Fn(StepFailure, u32) -> Error,
+}
+
+/// A motion, which may have ended early, and its gradient.
+pub(super) struct MotionResult {
+    /// Steps of the motion that were taken, and all steps with those that were taken again.
+    pub taken: u32,
+    pub computed: u32,
+    /// The record of the last step of the motion.
+    pub last: Option<StepRecord>,
+    pub gradient: Result<Gradient>,
+}
+
+/// Runs the motion of `body`, whose engine is `engine`, forward and back. The engine ends at the
+/// end of the motion, also if the gradient fails.
+pub(super) fn gradient_of_motion(
+    body: Equilibrium<'_>,
+    engine: &mut dyn MotionAdjoint,
+    task: &MotionTask<'_>,
+) -> MotionResult {
+    let mut result = MotionResult {
+        taken: 0,
+        computed: 0,
+        last: None,
+        gradient: Ok(Gradient::default()),
+    };
+    let begun = check_task(&body, task).and_then(|()| engine.begin_motion());
+    let (first, settings) = match begun {
+        Ok(begun) => begun,
+        Err(error) => {
+            result.gradient = Err(error);
+            return result;
+        }
+    };
+    let all = (task.steps as usize + 1) * engine.motion_state_bytes();
+    let segment = match all <= task.memory {
+        true => task.steps,
+        false => f64::from(task.steps).sqrt().ceil() as u32,
+    };
+    let mut pass = Pass {
+        numbers: ModelNumbers::new(&body),
+        body,
+        engine,
+        task,
+        segment: segment.max(1),
+        states: vec![first],
+        checkpoints: Vec::new(),
+        adjoint: StateAdjoint::default(),
+        sums: Gradient {
+            derivatives: vec![0.0; task.parameters.len()],
+            ..Gradient::default()
+        },
+    };
+    let forward = pass.forward(&mut result);
+    result.gradient = forward.and_then(|()| {
+        let end = pass.engine.serialise_state()?;
+        let reverse = pass.reverse(&mut result.computed);
+        pass.engine.resume(&end)?;
+        reverse
+    });
+    pass.engine.end_motion(settings);
+    result
+}
+
+/// Checks all that can be wrong before the first step.
+fn check_task(body: &Equilibrium<'_>, task: &MotionTask<'_>) -> Result<()> {
+    if task.steps == 0 {
+        return Err(Error::Input(
+            "the gradient of a motion requires at least one step".into(),
+        ));
+    }
+    let is_damped = body.network.damping_time > 0.0;
+    let averages = |e: &crate::physics::Elements| !e.cells().cells.is_empty();
+    if is_damped && body.network.elements().is_some_and(averages) {
+        return Err(Error::Input(
+            "there is no gradient of a motion with averaged volumes and stiffness-proportional damping; set damping to 0, or remove volume (--volume)".into(),
+        ));
+    }
+    let quantity = task.quantity.at_one_time();
+    match quantity {
+        Quantity::PinReaction { .. } if is_damped => {
+            return Err(Error::Input(
+                "there is no gradient of the reaction of supports in a motion with stiffness-proportional damping; set damping to 0".into(),
+            ));
+        }
+        // A body that has not moved yet has none.
+        Quantity::LargestDisplacement => {}
+        _ => drop(prepare(quantity, body)?),
+    }
+    for parameter in task.parameters {
+        body.check_parameter(parameter)?;
+        if is_damped && matches!(parameter, Parameter::RestPosition { .. }) {
+            return Err(Error::Input(
+                "there is no derivative by rest positions of a motion with stiffness-proportional damping; set damping to 0".into(),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The passes over the steps of a motion.
+struct Pass<'a, 'b> {
+    body: Equilibrium<'a>,
+    engine: &'b mut dyn MotionAdjoint,
+    task: &'b MotionTask<'b>,
+    numbers: ModelNumbers,
+    /// Number of steps whose states are kept.
+    segment: u32,
+    /// States of the current segment, from its start.
+    states: Vec<MotionState>,
+    /// Packed states at the start of every segment, if there are several.
+    checkpoints: Vec<Vec<u8>>,
+    /// Derivatives by the state that the reverse has reached.
+    adjoint: StateAdjoint,
+    sums: Gradient,
+}
+
+impl Pass<'_, '_> {
+    /// Takes the steps of the motion.
+    fn forward(&mut self, result: &mut MotionResult) -> Result<()> {
+        for i in 0..self.task.steps {
+            let share = 0.5 * f64::from(i) / f64::from(self.task.steps);
+            ProgressScope::begin(self.task.progress, "steps", share)?;
+            if i % self.segment == 0 && self.segment < self.task.steps {
+                self.checkpoints.push(self.engine.serialise_state()?);
+                self.states.drain(..self.states.len() - 1);
+            }
+            let done = self.engine.motion_step(self.task.dt);
+            result.last = Some(done.map_err(|why| (self.task.error)(why, i))?);
+            result.taken += 1;
+            result.computed += 1;
+            self.states.push(self.engine.motion_state());
+        }
+        Ok(())
+    }
+
+    /// Takes the steps of a segment again.
+    fn recompute(&mut self, k: usize, computed: &mut u32) -> Result<()> {
+        self.engine.resume(&self.checkpoints[k])?;
+        self.states.clear();
+        self.states.push(self.engine.motion_state());
+        for i in 0..self.segment {
+            let done = self.engine.motion_step(self.task.dt);
+            done.map_err(|why| (self.task.error)(why, k as u32 * self.segment + i))?;
+            *computed += 1;
+            self.states.push(self.engine.motion_state());
+        }
+        Ok(())
+    }
+
+    /// Returns the quantity and its derivatives, from the last step to the first.
+    fn reverse(&mut self, computed: &mut u32) -> Result<Gradient> {
+        let segments = self.task.steps.div_ceil(self.segment);
+        for k in (0..segments).rev() {
+            if k + 1 < segments {
+                self.recompute(k as usize, computed)?;
+            }
+            for j in (1..self.states.len()).rev() {
+                let step = k * self.segment + j as u32;
+                let left = f64::from(step) / f64::from(self.task.steps);
+                ProgressScope::begin(self.task.progress, "gradient", 1.0 - 0.5 * left)?;
+                let weight = match self.task.quantity {
+                    MotionQuantity::AtEnd(_) if step < self.task.steps => 0.0,
+                    MotionQuantity::AtEnd(_) => 1.0,
+                    MotionQuantity::Integral(_) => self.task.dt,
+                };
+                if weight != 0.0 {
+                    self.add_quantity(j, weight)?;
+                }
+                self.reverse_step(j)?;
+            }
+        }
+        self.add_start();
+        Ok(std::mem::take(&mut self.sums))
+    }
+
+    /// Adds the quantity after the step `j` of the segment, and its own derivatives.
+    fn add_quantity(&mut self, j: usize, weight: f64) -> Result<()> {
+        self.engine.show_state(&self.states[j])?;
+        self.body.x = self.engine.positions();
+        self.body.inertia.clear();
+        self.body.forces = MeasuredForces {
+            tools: self.engine.tool_forces(),
+            nodes: self.engine.forces(),
+            rigid: self.engine.rigid_forces(),
+        };
+        let prepared = prepare(self.task.quantity.at_one_time(), &self.body)?;
+        let (seed, value, function) = prepared.into_seed(&self.body);
+        let own = self.engine.add_quantity(&seed, weight, &mut self.adjoint);
+        self.sums.value += weight * value;
+        let sensitivity = Sensitivity::new(&self.body, &self.numbers, own, function);
+        add_derivatives(&mut self.sums, &sensitivity, self.task.parameters, weight)
+    }
+
+    /// Turns the derivatives by the state after the step `j` of the segment into those by the state
+    /// before it.
+    fn reverse_step(&mut self, j: usize) -> Result<()> {
+        let seed = AdjointSeed {
+            amplitudes: self.body.amplitudes,
+            ..AdjointSeed::default()
+        };
+        let with = (self.body.network, &seed, self.task.parts);
+        let states = [&self.states[j - 1], &self.states[j]];
+        let found = self
+            .engine
+            .reverse_step(states, self.task.dt, with, &mut self.adjoint)?;
+        if found.residual > MAX_RESIDUAL {
+            return Err(Error::Input(format!(
+                "a step of the motion did not converge: its net force is {:.1e} times its largest force; take shorter steps",
+                found.residual
+            )));
+        }
+        self.sums.imbalance = self.sums.imbalance.max(found.residual);
+        self.sums.iterations += found.solution.iterations;
+        (self.body.x, self.body.inertia) = (found.positions, found.inertia);
+        let sensitivity = Sensitivity::new(&self.body, &self.numbers, found.solution, None);
+        add_derivatives(&mut self.sums, &sensitivity, self.task.parameters, 1.0)
+    }
+
+    /// Adds the derivatives through the first state.
+    fn add_start(&mut self) {
+        let [by_position, by_velocity] = self.engine.by_state(&self.adjoint);
+        let body = &self.body;
+        let unit = body.network.length_unit;
+        let start = |parameter: &Parameter| -> f64 {
+            let along = |of: &[DVec3], nodes: &[u32], direction: &DVec3| -> f64 {
+                let all = nodes.iter().map(|v| of[*v as usize].dot(*direction));
+                all.sum::<f64>() * unit
+            };
+            match parameter {
+                Parameter::Support { nodes, direction } => along(&by_position, nodes, direction),
+                Parameter::InitialPosition { node, direction } => {
+                    along(&by_position, &[*node], direction)
+                }
+                Parameter::InitialVelocity { node, direction } => {
+                    along(&by_velocity, &[*node], direction)
+                }
+                // Displacements at the start stay; held nodes stay where they are.
+                Parameter::RestPosition { node, direction } => {
+                    let v = *node as usize;
+                    match body.fixed[v] && !body.pinned[v] {
+                        true => 0.0,
+                        false => along(&by_position, &[*node], direction),
+                    }
+                }
+                _ => 0.0,
+            }
+        };
+        let all = self.sums.derivatives.iter_mut().zip(self.task.parameters);
+        for (sum, parameter) in all {
+            *sum += start(parameter);
+        }
+    }
+}
+
+fn add_derivatives(
+    sums: &mut Gradient,
+    sensitivity: &Sensitivity<'_>,
+    parameters: &[Parameter],
+    weight: f64,
+) -> Result<()> {
+    for (sum, parameter) in sums.derivatives.iter_mut().zip(parameters) {
+        *sum += weight * sensitivity.by_parameter(parameter)?;
+    }
+    Ok(())
+}
