@@ -123,6 +123,19 @@ class Stage:
     def report(self) -> str: ...
     def reactions(self) -> list[tuple[str, _Triple, _Triple]]: ...
 
+_Item = tuple[str, list[int], list[float], list[_Triple], int | None]
+_Gradient = tuple[float, _Floats, float, int]
+
+def use_double_precision(stage: Stage) -> None: ...
+def gradient(stage: Stage, quantity: _Item, parameters: list[_Item]) -> _Gradient: ...
+def gradient_of_motion(
+    stage: Stage,
+    motion: tuple[int, bool],
+    quantity: _Item,
+    parameters: list[_Item],
+    progress: _Progress,
+) -> _Gradient: ...
+
 class Intervals:
     @staticmethod
     def of_piece(

@@ -17,6 +17,7 @@ from ._deprecated import warn_renamed
 from ._errors import InputError
 from ._mesh import Mesh, PathOf, Points, Progress, _floats
 from ._scene import BodyLike, Scene, picture_entries
+from .gradients import Gradient, Parameter, Quantity, item_of
 
 Picture = npt.NDArray[np.uint8]
 
@@ -81,6 +82,7 @@ class Simulator:
         engine: engine of the time steps: ``gpu``, ``cpu``, or ``auto``, which uses a GPU if there is one.
         dt: time step, s; default: chosen for the integrator.
         gravity: gravity, m/s².
+        precision: ``single``, or ``double`` on the CPU, which :meth:`gradient` requires.
         adapter: graphics adapter: part of its name, its index, or ``cpu``.
     """
 
@@ -92,14 +94,19 @@ class Simulator:
         engine: str | None = None,
         dt: float | None = None,
         gravity: Sequence[float] | None = None,
+        precision: str = "single",
         adapter: str | None = None,
     ) -> None:
+        if precision not in ("single", "double"):
+            raise InputError(f"precision must be single or double, got {precision!r}")
         scene = Scene.from_any(body)
         named = scene.entries.get("solver", {}).get("name")
         given = {"name": solver or named or "implicit", "engine": engine, "dt": dt, "gravity": gravity}
         own = {f"solver.{name}": v for name, v in given.items() if v is not None}
         self.scene = scene.updated(own)
         self._stage = stage_of(self.scene, adapter)
+        if precision == "double":
+            _palpate.use_double_precision(self._stage)
 
     @property
     def notes(self) -> list[str]:
@@ -236,6 +243,50 @@ class Simulator:
             name: Reaction(np.array(force), np.array(moment))
             for name, force, moment in self._stage.reactions()
         }
+
+    def gradient(self, quantity: Quantity, parameters: Sequence[Parameter]) -> Gradient:
+        """Returns a quantity of the body at rest and its derivatives by parameters, all of them by one
+        linear solve. The body must be at rest, so take long steps before; friction has no part in it.
+
+        For example, the force of the body on its first tool, by the stiffness of a region::
+
+            from palpate.gradients import ToolForce, ToolPosition, Young
+            found = simulator.gradient(ToolForce(0, (0, 0, 1)), [Young(region=1), ToolPosition(0, (0, 0, -1))])
+
+        Args:
+            quantity: quantity, such as :class:`palpate.gradients.ToolForce`.
+            parameters: parameters, such as :class:`palpate.gradients.Young`.
+        """
+        found = _palpate.gradient(self._stage, item_of(quantity), [item_of(p) for p in parameters])
+        return Gradient(*found)
+
+    def gradient_of_motion(
+        self,
+        steps: int,
+        quantity: Quantity,
+        parameters: Sequence[Parameter],
+        *,
+        integral: bool = False,
+        progress: Progress | None = None,
+    ) -> Gradient:
+        """Does ``steps`` steps with constant loads, and returns a quantity of this motion and its
+        derivatives by parameters, by one linear solve for each step.
+
+        Args:
+            steps: number of steps.
+            quantity: quantity, such as :class:`palpate.gradients.Displacement`.
+            parameters: parameters, such as :class:`palpate.gradients.Young`.
+            integral: whether the quantity is integrated over time, rather than that at the end.
+            progress: called with the completed fraction. Ctrl-C, or an exception it raises, cancels.
+        """
+        found = _palpate.gradient_of_motion(
+            self._stage,
+            (_count(steps, "steps"), integral),
+            item_of(quantity),
+            [item_of(p) for p in parameters],
+            progress,
+        )
+        return Gradient(*found)
 
     def __repr__(self) -> str:
         engine, solver = self._stage.engine()

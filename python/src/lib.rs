@@ -7,6 +7,7 @@ mod arrays;
 mod body;
 mod devices;
 mod errors;
+mod gradients;
 mod mesh;
 mod pieces;
 mod press;
@@ -29,6 +30,9 @@ fn _palpate(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<press::PressMap>()?;
     module.add_function(wrap_pyfunction!(devices::adapters, module)?)?;
     module.add_function(wrap_pyfunction!(devices::device_memory, module)?)?;
+    module.add_function(wrap_pyfunction!(gradients::gradient, module)?)?;
+    module.add_function(wrap_pyfunction!(gradients::gradient_of_motion, module)?)?;
+    module.add_function(wrap_pyfunction!(gradients::use_double_precision, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::load_mesh, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::generators, module)?)?;
     module.add_function(wrap_pyfunction!(pieces::count_pieces, module)?)?;

@@ -44,7 +44,7 @@ pub struct Stage(Mutex<Body>);
 impl Stage {
     /// Runs `work` on the stage with the Python thread state detached, so that other Python threads
     /// continue.
-    fn with<T: Send>(
+    pub fn with<T: Send>(
         &self,
         py: Python<'_>,
         work: impl FnOnce(&mut palpate::scene::Stage) -> Result<T> + Send,
@@ -66,7 +66,7 @@ impl Stage {
         done.or_raise(py)
     }
 
-    fn lock(&self) -> MutexGuard<'_, Body> {
+    pub fn lock(&self) -> MutexGuard<'_, Body> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -411,7 +411,8 @@ impl Stage {
         self.with(py, |stage| simulator(stage)?.release(grab.0))
     }
 
-    /// Places the fingertip on the body at the boundary point nearest to `point`; returns its radius.
+    /// Places the fingertip on the body at the boundary point nearest to `point`; returns its
+    /// radius.
     fn touch(&self, py: Python<'_>, point: [f64; 3]) -> PyResult<f64> {
         self.with_fingertip(py, |stage, fingertip| {
             fingertip.touch(stage, point.into())?;

@@ -5,6 +5,7 @@ use super::motion::{MotionTask, STATE_MEMORY, gradient_of_motion};
 use super::parameters::gradient;
 use crate::mesh::TetMesh;
 use crate::physics::cpu::{BodyModel, CpuTetModel, StepFailure, StepParts};
+use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
     CpuTets, Gradient, Gradients, Loads, MotionQuantity, Parameter, Precision, Quantity,
     ScaledLoad, Simulator,
@@ -39,6 +40,7 @@ impl Gradients for CpuTets {
         parameters: &[Parameter],
         progress: ProgressFn<'_>,
     ) -> Result<Gradient> {
+        check_time_step(dt)?;
         prepare(self, "a gradient of a motion")?;
         let faces = self.boundary();
         let before = self.progress;
