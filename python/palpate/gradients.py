@@ -258,8 +258,8 @@ class Gradient:
     iterations: int
 
 
-# Kind, indices or a number, weights, directions, and the label of a region.
-Item = tuple[str, list[int], list[float], list[tuple[float, float, float]], Union[int, None]]
+# Kind, indices or a number (none for all tets), weights, directions, and the label of a region.
+Item = tuple[str, Union[list[int], None], list[float], list[tuple[float, float, float]], Union[int, None]]
 
 
 def item_of(given: Any) -> Item:
@@ -273,16 +273,14 @@ def item_of(given: Any) -> Item:
     numbers = next((fields[name] for name in _NUMBERS if fields.get(name) is not None), [])
     if fields.get("tets") is not None and fields.get("region") is not None:
         raise InputError(f"{kind} takes tets or a region, not both")
-    numbers = _integers(numbers, kind)
-    # No tets and no region stand for all tets, which an empty list does not.
-    if "tets" in fields and fields["tets"] is None and fields["region"] is None:
-        kind += " of all"
-    weights = fields.get("weights")
-    ones = np.ones(len(numbers)) if weights is None else np.asarray(weights, dtype=np.float64)
-    if ones.shape != (len(numbers),):
-        raise InputError(f"{kind} has {len(numbers)} nodes, but weights of shape {ones.shape}")
+    indices = _integers(numbers, kind)
+    given_weights = fields.get("weights")
+    weights = np.ones(len(indices)) if given_weights is None else np.asarray(given_weights, dtype=np.float64)
+    if weights.shape != (len(indices),):
+        raise InputError(f"{kind} has {len(indices)} nodes, but weights of shape {weights.shape}")
     vectors = [_vector(fields[name], name) for name in _VECTORS if name in fields]
-    return (kind, numbers, ones.tolist(), vectors, fields.get("region"))
+    of_all_tets = "tets" in fields and fields["tets"] is None
+    return (kind, None if of_all_tets else indices, weights.tolist(), vectors, fields.get("region"))
 
 
 _NUMBERS = ("nodes", "tets", "node", "tet", "tool", "number")

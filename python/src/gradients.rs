@@ -5,14 +5,19 @@ use crate::stage::Stage;
 use crate::work::LongTask;
 use glam::DVec3;
 use numpy::{IntoPyArray, PyArray1};
-use palpate::physics::{
-    AmplitudeId, Capability, Gradient, MotionQuantity, Parameter, Quantity, Simulator, ToolId,
-};
+use palpate::physics::{AmplitudeId, Capability, Gradient, Parameter, Quantity, Simulator, ToolId};
 use palpate::{Error, Result};
 use pyo3::prelude::*;
 
-/// Kind, indices, weights and directions of a quantity or a parameter, and the label of its region.
-pub type Item = (String, Vec<u32>, Vec<f64>, Vec<[f64; 3]>, Option<i64>);
+/// Kind, indices (none: of all tets), weights and directions of a quantity or a parameter, and the
+/// label of its region.
+pub type Item = (
+    String,
+    Option<Vec<u32>>,
+    Vec<f64>,
+    Vec<[f64; 3]>,
+    Option<i64>,
+);
 
 /// Value, derivatives, imbalance and iterations of a gradient.
 type Found<'py> = (f64, Bound<'py, PyArray1<f64>>, f64, u32);
@@ -72,12 +77,12 @@ pub fn gradient_of_motion<'py>(
         let dt = crate::body::motion(stage)?.dt;
         let body = simulator(stage)?;
         let (quantity, parameters) = read(body, &quantity, &parameters)?;
-        let quantity = match integrates {
-            true => MotionQuantity::Integral(quantity),
-            false => MotionQuantity::AtEnd(quantity),
-        };
         let gradients = Capability::Gradients.require(body.gradients())?;
-        gradients.gradient_of_motion((steps, dt), &quantity, &parameters, progress)
+        let steps = (steps, dt);
+        match integrates {
+            true => gradients.gradient_of_integral(steps, &quantity, &parameters, progress),
+            false => gradients.gradient_of_motion(steps, &quantity, &parameters, progress),
+        }
     })?;
     Ok(found(py, gradient))
 }
@@ -99,17 +104,17 @@ fn unknown(what: &str, kind: &str) -> Error {
 
 fn to_quantity(body: &dyn Simulator, item: &Item) -> Result<Quantity> {
     let (kind, numbers, weights, vectors, region) = item;
-    let kind = kind.split(' ').next().unwrap_or_default();
+    let numbers = numbers.as_deref().unwrap_or_default();
     let first = numbers.first().copied().unwrap_or_default();
     let vector = |k: usize| vectors.get(k).copied().map(DVec3::from).unwrap_or_default();
     let direction = vector(0);
-    Ok(match kind {
+    Ok(match kind.as_str() {
         "ToolForce" => Quantity::ToolForce {
             tool: ToolId::from_index(first as usize),
             direction,
         },
         "PinReaction" => Quantity::PinReaction {
-            nodes: numbers.clone(),
+            nodes: numbers.to_vec(),
             direction,
         },
         "RegionForce" => Quantity::RegionForce {
@@ -140,7 +145,7 @@ fn to_quantity(body: &dyn Simulator, item: &Item) -> Result<Quantity> {
 
 fn to_parameter(body: &dyn Simulator, item: &Item) -> Result<Parameter> {
     let (kind, numbers, _, vectors, _) = item;
-    let kind = kind.split(' ').next().unwrap_or_default();
+    let numbers = numbers.as_deref().unwrap_or_default();
     let node = numbers.first().copied().unwrap_or_default();
     let tool = ToolId::from_index(node as usize);
     let direction = vectors
@@ -148,7 +153,7 @@ fn to_parameter(body: &dyn Simulator, item: &Item) -> Result<Parameter> {
         .copied()
         .map(DVec3::from)
         .unwrap_or_default();
-    Ok(match kind {
+    Ok(match kind.as_str() {
         "Young" => Parameter::Young {
             tets: tets(body, item)?,
         },
@@ -167,7 +172,7 @@ fn to_parameter(body: &dyn Simulator, item: &Item) -> Result<Parameter> {
             axis: direction,
         },
         "Support" => Parameter::Support {
-            nodes: numbers.clone(),
+            nodes: numbers.to_vec(),
             direction,
         },
         "RestPosition" => Parameter::RestPosition { node, direction },
@@ -178,14 +183,11 @@ fn to_parameter(body: &dyn Simulator, item: &Item) -> Result<Parameter> {
 }
 
 /// Returns the tets of an item: its own, those of its region, or all.
-fn tets(body: &dyn Simulator, (kind, numbers, _, _, region): &Item) -> Result<Vec<u32>> {
+fn tets(body: &dyn Simulator, (_, numbers, _, _, region): &Item) -> Result<Vec<u32>> {
     let mesh = body.mesh();
     let all = 0..mesh.tets.len() as u32;
     let Some(label) = region else {
-        return Ok(match kind.ends_with(" of all") {
-            true => all.collect(),
-            false => numbers.clone(),
-        });
+        return Ok(numbers.clone().unwrap_or_else(|| all.collect()));
     };
     let field = mesh.region_field().ok_or_else(|| {
         Error::Input("the mesh has no regions; give tets instead of a region".into())

@@ -10,7 +10,7 @@ use super::quantities::prepare;
 use crate::physics::cpu::{
     AdjointSeed, MotionAdjoint, MotionState, StateAdjoint, StepFailure, StepParts,
 };
-use crate::physics::{Gradient, MotionQuantity, Parameter, Quantity, StepRecord};
+use crate::physics::{Gradient, Parameter, Quantity, StepRecord};
 use crate::progress::{ProgressFn, ProgressScope};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -20,6 +20,24 @@ pub(super) const STATE_MEMORY: usize = 1 << 30;
 
 /// Largest residual of a step over its forces.
 const MAX_RESIDUAL: f64 = 1e-3;
+
+/// A number that the motion of a body determines.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum MotionQuantity {
+    /// The quantity at the end.
+    AtEnd(Quantity),
+    /// The sum of the values of the quantity after every step, times the length of the step.
+    Integral(Quantity),
+}
+
+impl MotionQuantity {
+    /// Returns the quantity at one time.
+    pub fn at_one_time(&self) -> &Quantity {
+        match self {
+            MotionQuantity::AtEnd(quantity) | MotionQuantity::Integral(quantity) => quantity,
+        }
+    }
+}
 
 /// The gradient of a motion that is to be computed.
 pub(super) struct MotionTask<'a> {

@@ -1,14 +1,13 @@
 //! Gradients of tetrahedral bodies on the CPU.
 
 use super::equilibrium::{Equilibrium, MeasuredForces, check_balance, elements_of_tets};
-use super::motion::{MotionTask, STATE_MEMORY, gradient_of_motion};
+use super::motion::{MotionQuantity, MotionTask, STATE_MEMORY, gradient_of_motion};
 use super::parameters::gradient;
 use crate::mesh::TetMesh;
 use crate::physics::cpu::{BodyModel, CpuTetModel, StepFailure, StepParts};
 use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
-    CpuTets, Gradient, Gradients, Loads, MotionQuantity, Parameter, Precision, Quantity,
-    ScaledLoad, Simulator,
+    CpuTets, Gradient, Gradients, Loads, Parameter, Precision, Quantity, ScaledLoad, Simulator,
 };
 use crate::progress::ProgressFn;
 use crate::{Error, Result};
@@ -34,6 +33,40 @@ impl Gradients for CpuTets {
     }
 
     fn gradient_of_motion(
+        &mut self,
+        steps: (u32, f64),
+        quantity: &Quantity,
+        parameters: &[Parameter],
+        progress: ProgressFn<'_>,
+    ) -> Result<Gradient> {
+        let quantity = MotionQuantity::AtEnd(quantity.clone());
+        self.motion_gradient(steps, &quantity, parameters, progress)
+    }
+
+    fn gradient_of_integral(
+        &mut self,
+        steps: (u32, f64),
+        quantity: &Quantity,
+        parameters: &[Parameter],
+        progress: ProgressFn<'_>,
+    ) -> Result<Gradient> {
+        let quantity = MotionQuantity::Integral(quantity.clone());
+        self.motion_gradient(steps, &quantity, parameters, progress)
+    }
+
+    fn use_double_precision(&mut self) -> Result<()> {
+        self.finish()?;
+        if self.model.precision == Precision::Double {
+            return Ok(());
+        }
+        let (positions, velocities) = (self.positions()?, self.velocities()?);
+        self.model.precision = Precision::Double;
+        self.rebuild_body(&positions, &velocities)
+    }
+}
+
+impl CpuTets {
+    fn motion_gradient(
         &mut self,
         (steps, dt): (u32, f64),
         quantity: &MotionQuantity,
@@ -81,16 +114,6 @@ impl Gradients for CpuTets {
         self.changes += 1;
         self.upload_now()?;
         done.gradient
-    }
-
-    fn use_double_precision(&mut self) -> Result<()> {
-        self.finish()?;
-        if self.model.precision == Precision::Double {
-            return Ok(());
-        }
-        let (positions, velocities) = (self.positions()?, self.velocities()?);
-        self.model.precision = Precision::Double;
-        self.rebuild_body(&positions, &velocities)
     }
 }
 

@@ -59,25 +59,6 @@ pub enum Quantity {
     ElasticEnergy,
 }
 
-/// A number that the motion of a body determines.
-#[derive(Clone, Debug, PartialEq)]
-pub enum MotionQuantity {
-    /// The quantity at the end.
-    AtEnd(Quantity),
-    /// The integral of the quantity over time: the sum of its values after every step times the
-    /// length of the step, s.
-    Integral(Quantity),
-}
-
-impl MotionQuantity {
-    /// Returns the quantity at one time.
-    pub(in crate::physics) fn at_one_time(&self) -> &Quantity {
-        match self {
-            MotionQuantity::AtEnd(quantity) | MotionQuantity::Integral(quantity) => quantity,
-        }
-    }
-}
-
 /// A number on which the equilibrium or the motion of a body depends; constant in time. Directions
 /// need not be unit vectors: the derivative is by their multiple.
 #[derive(Clone, Debug, PartialEq)]
@@ -185,7 +166,7 @@ pub trait Gradients {
     fn gradient(&mut self, quantity: &Quantity, parameters: &[Parameter]) -> Result<Gradient>;
 
     /// Takes a number of steps of a length in seconds from the current state, with constant loads
-    /// and to a residual of 1e-10, and returns a quantity of this motion and its derivatives by
+    /// and to a residual of 1e-10, and returns a quantity at their end and its derivatives by
     /// parameters. It keeps up to 1 GiB of states; a longer motion is computed twice. `progress`
     /// gets the fraction of both passes.
     ///
@@ -197,7 +178,20 @@ pub trait Gradients {
     fn gradient_of_motion(
         &mut self,
         steps: (u32, f64),
-        quantity: &MotionQuantity,
+        quantity: &Quantity,
+        parameters: &[Parameter],
+        progress: ProgressFn<'_>,
+    ) -> Result<Gradient>;
+
+    /// As [`Gradients::gradient_of_motion`], of the integral of the quantity over time: the sum of its
+    /// values after every step times the length of the step, s.
+    ///
+    /// # Errors
+    /// As [`Gradients::gradient_of_motion`].
+    fn gradient_of_integral(
+        &mut self,
+        steps: (u32, f64),
+        quantity: &Quantity,
         parameters: &[Parameter],
         progress: ProgressFn<'_>,
     ) -> Result<Gradient>;

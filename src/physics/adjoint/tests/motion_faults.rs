@@ -4,7 +4,7 @@ use super::load_tests::pressed_bar;
 use super::material_tests::quantities;
 use super::motion_tests::{damped, falling_clip, moving};
 use super::*;
-use crate::physics::MotionQuantity;
+use crate::physics::adjoint::motion::MotionQuantity;
 use crate::physics::cpu::StepParts;
 
 /// Returns the largest relative difference of a displacement's derivatives by gravity and by a

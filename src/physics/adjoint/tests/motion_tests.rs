@@ -4,9 +4,11 @@ use super::load_tests::pressed_bar;
 use super::material_tests::{parameters, poisson, quadratic_bar, quantities, stresses};
 use super::*;
 use crate::Error;
-use crate::physics::adjoint::motion::{MotionResult, MotionTask, gradient_of_motion};
+use crate::physics::adjoint::motion::{
+    MotionQuantity, MotionResult, MotionTask, gradient_of_motion,
+};
 use crate::physics::cpu::{StepFailure, StepParts};
-use crate::physics::{AmplitudeId, MotionQuantity, Shape, ToolId, VolumetricFormulation};
+use crate::physics::{AmplitudeId, Shape, ToolId, VolumetricFormulation};
 use crate::progress::no_progress;
 use MotionQuantity::{AtEnd, Integral};
 
