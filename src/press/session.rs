@@ -2,12 +2,14 @@
 //! Python package all press with it, so that they measure the same force at the same depth.
 
 use super::curve::PressSample;
+use super::error::PressedState;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::validity::{ContactProblem, body_warnings, contact_problem};
-use crate::accuracy::quasi_static_step;
+use crate::accuracy::{ErrorParts, quasi_static_step};
+use crate::gpu::Gpu;
 use crate::scene::{Motion, Stage};
-use crate::{Error, FailureCause, Result};
+use crate::{Error, FailureCause, ProgressFn, Result};
 use glam::DVec3;
 
 /// Initial distance of the fingertip from the body, relative to its radius.
@@ -295,6 +297,28 @@ impl PressSession {
         self.static_time
     }
 
+    /// Returns an estimate of the error of the last force, N, for another thread; the body of `motion`
+    /// is at rest. It takes about as long as ten steps of a body of as many elements as the finer
+    /// space has.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without a press, for more than `max_elements` in the finer space, or for a body
+    /// whose error cannot be estimated; errors of reading the body back.
+    pub fn error_estimate(
+        &self,
+        motion: &Motion,
+        max_elements: usize,
+    ) -> Result<impl FnOnce(&Gpu, ProgressFn<'_>) -> Result<ErrorParts> + Send + use<>> {
+        let state = PressedState::new(self, motion)?;
+        match state.finer_elements() <= max_elements {
+            true => Ok(move |gpu: &Gpu, progress: ProgressFn<'_>| state.force_error(gpu, progress)),
+            false => Err(Error::Input(
+                "the body has too many tets for an estimate while it is pressed; use palpate press"
+                    .into(),
+            )),
+        }
+    }
+
     /// Returns why presses at the site cannot be measured, one sentence each.
     pub fn site_warnings(&self) -> &[String] {
         self.contact.as_ref().map_or(&[], |c| c.warnings.as_slice())
@@ -331,6 +355,6 @@ pub(super) fn static_body() -> Error {
     Error::Input("a static body cannot be pressed; set [solver] name".into())
 }
 
-fn not_placed() -> Error {
+pub(super) fn not_placed() -> Error {
     Error::Input("the fingertip is not placed on the body; place it first".into())
 }

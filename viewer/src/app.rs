@@ -43,6 +43,8 @@ const TOOLBAR_WIDTH: f32 = 72.0;
 pub struct Options {
     /// The file to open first.
     pub open: InitialFile,
+    /// Whether presses have no error estimates.
+    pub no_error: bool,
     /// Log file of frame timings.
     pub log: Option<PathBuf>,
 }
@@ -104,6 +106,8 @@ pub struct App {
     /// The film that is being recorded.
     #[cfg(not(target_arch = "wasm32"))]
     pub(crate) recording: Option<crate::recording::Recording>,
+    /// Whether the errors of presses are estimated.
+    estimates_errors: bool,
     pub(crate) log: Option<FrameLog>,
     /// Whether the panels are shown, if the user chose.
     pub(crate) panels_shown: Option<bool>,
@@ -156,6 +160,8 @@ impl App {
             saved_picture: None,
             #[cfg(not(target_arch = "wasm32"))]
             recording: None,
+            // A browser has one thread, and the page would not respond meanwhile.
+            estimates_errors: !options.no_error && !cfg!(target_arch = "wasm32"),
             log: log.map_err(|e| e.to_string())?,
             panels_shown: None,
             told: None,
@@ -228,6 +234,9 @@ impl eframe::App for App {
         let patience = self.update_interaction(&context);
         if let Some(show) = &mut self.show {
             show.advance_to_now(patience);
+            if self.estimates_errors {
+                show.update_press_error(&self.gpu, &context);
+            }
             if let Some(remark) = show.remark.take() {
                 self.status = (remark, false);
             }

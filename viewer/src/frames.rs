@@ -7,6 +7,7 @@ use crate::device::lock;
 use crate::loading::{Loading, live_tasks};
 use crate::log::{self, Frame, FrameLog, memory_mb};
 use eframe::egui;
+use palpate::accuracy::ErrorParts;
 use palpate::gpu::Gpu;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -207,6 +208,9 @@ impl App {
             tets: show.map_or(0, |s| s.stage().mesh().tets.len()),
             camera: [camera.eye.to_array(), camera.look_at.to_array()],
             force_n: show.and_then(BodySession::force),
+            force_error_n: show
+                .and_then(|s| s.press_error()?.ok())
+                .map(ErrorParts::total),
             depth_m: show.and_then(|s| s.samples().last().map(|s| s.depth_m)),
             memory_mb: memory_mb(),
             readbacks: self.gpu.readbacks(),

@@ -40,6 +40,8 @@ pub struct Frame {
     pub camera: [[f64; 3]; 2],
     /// Force of a press, N.
     pub force_n: Option<f64>,
+    /// Its error, N, once it is estimated.
+    pub force_error_n: Option<f64>,
     /// Indentation depth of a press, m.
     pub depth_m: Option<f64>,
     /// Memory of the process, MB, if the system reports it.

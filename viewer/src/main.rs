@@ -17,6 +17,9 @@ struct Arguments {
     /// Set the window size, WIDTHxHEIGHT in points
     #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
     size: [u32; 2],
+    /// Leave out the error estimates of presses
+    #[arg(long)]
+    no_error: bool,
     /// Write timings and state of each frame to this file, one JSON object per line
     #[arg(long, value_name = "FILE.jsonl")]
     log: Option<PathBuf>,
@@ -39,6 +42,7 @@ fn main() -> ExitCode {
             (Some(file), _) => InitialFile::File(file),
             (None, name) => InitialFile::Example(name.unwrap_or_else(|| "limb".into())),
         },
+        no_error: arguments.no_error,
         log: arguments.log,
     };
     match palpate_view::run(options, arguments.size) {

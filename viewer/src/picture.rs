@@ -1,6 +1,7 @@
 //! The picture in the window, and its overlays.
 
 use crate::app::App;
+use crate::body_session::BodySession;
 use crate::pointer_tool::PointerGesture;
 #[cfg(not(target_arch = "wasm32"))]
 use crate::ui_cache::UiCache;
@@ -121,11 +122,11 @@ impl App {
         if let Some(show) = &self.show
             && let (Some(force), Some(sample)) = (show.force(), show.samples().last())
         {
-            let said = format!(
-                "{} N at {} mm",
-                rounded(force, 4),
-                rounded(1e3 * sample.depth_m, 4)
-            );
+            let depth = rounded(1e3 * sample.depth_m, 4);
+            let said = match show.press_error() {
+                Some(Ok(error)) => format!("{} at {depth} mm", error.around(force, "N")),
+                _ => format!("{} N at {depth} mm", rounded(force, 4)),
+            };
             let at = area.rect.left_top() + egui::vec2(14.0, 12.0);
             let font = egui::FontId::proportional(20.0);
             let place = painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
@@ -134,6 +135,10 @@ impl App {
                 let width = area.rect.width() - 28.0;
                 let text = painter.layout(warning, font, WARNING, width);
                 painter.galley(place.left_bottom() + egui::vec2(0.0, 4.0), text, WARNING);
+            } else if let Some(about) = error_note(show) {
+                let below = place.left_bottom() + egui::vec2(0.0, 4.0);
+                let font = egui::FontId::proportional(14.0);
+                painter.text(below, egui::Align2::LEFT_TOP, about, font, strong);
             }
         }
         self.draw_axes(&painter, area, strong);
@@ -166,5 +171,14 @@ impl App {
         if cancelled {
             self.cancel_loading();
         }
+    }
+}
+
+/// Returns what is known about the error of the force of a press, besides its size.
+fn error_note(show: &BodySession) -> Option<String> {
+    match show.press_error() {
+        Some(Ok(error)) => Some(format!("error: {} N", error.in_words())),
+        Some(Err(why)) => Some(format!("error unknown: {why}")),
+        None => show.is_estimating().then(|| "estimating the error…".into()),
     }
 }

@@ -93,6 +93,7 @@ impl BodySession {
             radius,
             fingertip,
             press: None,
+            press_error: super::PressErrorEstimate::default(),
             grab: None,
             blade: None,
             edits: BodyEditHistory::default(),

@@ -4,6 +4,7 @@ mod appearance;
 mod create;
 mod edits;
 mod press;
+mod press_error;
 mod stepping;
 
 pub use edits::RebuildRequest;
@@ -20,6 +21,7 @@ use palpate::render::{Camera, Pick};
 use palpate::scene::{PendingImage, Scene, SkinEntry, Stage};
 use palpate::{Error, Result};
 use press::Press;
+use press_error::PressErrorEstimate;
 use std::sync::Arc;
 use web_time::Instant;
 
@@ -37,6 +39,8 @@ pub struct BodySession {
     /// The fingertip, or why the body cannot be pressed on.
     fingertip: std::result::Result<PressSession, String>,
     press: Option<Press>,
+    /// The error of its force.
+    press_error: PressErrorEstimate,
     /// The grab, its initial position, and its displacement.
     grab: Option<(GrabId, DVec3, DVec3)>,
     /// Pending cut, the number of scene edits before it, and whether it is a redo.

@@ -277,6 +277,39 @@ fn each_motion_is_drawn_and_each_press_steps() {
     window.let_go();
 }
 
+/// The force of a finger that rests has its error; that of one that moves has none yet.
+#[test]
+fn resting_press_has_an_error() {
+    let mut window = Window::open(&["--example", "limb"]);
+    let scene = window.folder.path().join("block.toml");
+    let text = "[mesh]\ngenerate = \"bar\"\ntets = 300\n[material]\nmodel = \"neo-hookean\"\n";
+    std::fs::write(&scene, text).unwrap();
+    window.key("ctrl+l");
+    window.xdotool(&["type", "--delay", "20", "block.toml"]);
+    window.key("Return");
+    window.wait("the block", |frame| {
+        frame["name"] == "block.toml" && frame["tets"].as_u64() < Some(1000)
+    });
+    window.rest();
+    window.key("2");
+    window.hold([410, 371], [410, 391]);
+    let error = |frame: &Value| frame["force_error_n"].as_f64();
+    let rested = window.wait("the error", |frame| error(frame).is_some());
+    let force = rested["force_n"].as_f64().unwrap();
+    let found = error(&rested).unwrap();
+    assert!(
+        found > 1e-3 * force && found < 3.0 * force,
+        "{found} of {force}"
+    );
+    window.to([410, 394]);
+    window.wait("another depth", |frame| {
+        frame["depth_m"].as_f64() > rested["depth_m"].as_f64() && error(frame).is_none()
+    });
+    window.wait("its error", |frame| error(frame).is_some());
+    window.let_go();
+    window.wait("the end of the press", |frame| error(frame).is_none());
+}
+
 /// Adds a skin and undoes that.
 #[test]
 fn added_skin_is_shown_and_undone() {
@@ -305,7 +338,8 @@ fn added_skin_is_shown_and_undone() {
 /// it, and need no more memory.
 #[test]
 fn repeated_use_does_not_grow_memory() {
-    let mut window = Window::open(&["--example", "breast"]);
+    // Estimates of errors allocate, or not, depending on whether they end before the finger moves.
+    let mut window = Window::open(&["--example", "breast", "--no-error"]);
     let (mut host, mut counts, mut device) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
         window.key("1");

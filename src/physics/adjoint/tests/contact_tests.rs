@@ -64,8 +64,8 @@ fn gradients_under_tools_match_differences() {
         let mut all = quantities(&case);
         all.extend(stresses(&case));
         all.push(tool_force());
-        let mut by = parameters(&case);
-        by.extend(poisson(&case));
+        // The others do not depend on the shape of the tool.
+        let mut by = parameters(&case)[..2].to_vec();
         by.extend(tool_parameters());
         case.check(&all, &by, TOLERANCE);
     }
@@ -109,9 +109,7 @@ pub(super) fn clip() -> Case {
 #[test]
 fn gradients_in_self_contact_match_differences() {
     let case = clip();
-    let mut by = parameters(&case);
-    by.retain(|p| !matches!(p, Parameter::RestPosition { .. }));
-    by.extend(poisson(&case));
+    let by = [&parameters(&case)[..5], &poisson(&case)[..1]].concat();
     case.check(&quantities(&case), &by, TOLERANCE);
     let refused = &parameters(&case)[5..6];
     let mut settled = case.settle();
