@@ -72,6 +72,19 @@ impl RestBody {
         })
     }
 
+    /// Returns the body with its last pin at other corners of elements, and its nodes there.
+    pub fn with_last_pin(mut self, corners: &[u32]) -> (RestBody, Vec<u32>) {
+        let nodes = self.mesh.nodes_between(corners.to_vec());
+        if let Some(last) = self.pins.last_mut() {
+            let before = std::mem::replace(&mut last.nodes, nodes.clone());
+            before.iter().for_each(|v| self.fixed[*v as usize] = false);
+        }
+        for v in self.pins.iter().flat_map(|pin| &pin.nodes) {
+            self.fixed[*v as usize] = true;
+        }
+        (self, nodes)
+    }
+
     /// Returns the order of its elements.
     pub fn order(&self) -> ElementOrder {
         self.mesh.order

@@ -36,12 +36,15 @@ pub struct ErrorParts {
     pub solver: f64,
     /// Error of the gap that the contact barrier keeps.
     pub contact: f64,
+    /// Error of the part that lies on a table: its faces do not have exactly the area of the shape's
+    /// region.
+    pub support: f64,
 }
 
 impl ErrorParts {
     /// The whole error: the sum of the parts.
     pub fn total(&self) -> f64 {
-        self.mesh + self.time + self.solver + self.contact
+        self.mesh + self.time + self.solver + self.contact + self.support
     }
 
     /// Formats a number in `unit` with this error, without the digits beyond it: `0.262 N ± 0.006`.
@@ -57,6 +60,7 @@ impl ErrorParts {
             ("time", self.time),
             ("solver", self.solver),
             ("contact", self.contact),
+            ("support", self.support),
         ];
         let large = |(_, part): &(_, f64)| *part > NEGLIGIBLE * self.total();
         let texts = parts.into_iter().filter(large).map(|(name, part)| {

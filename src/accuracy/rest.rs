@@ -137,6 +137,7 @@ pub(crate) fn errors_at_rest(
         time: (given[k] - own.values[k]).abs(),
         solver: own.changes[k] + fine.changes[k],
         contact: 0.0,
+        support: 0.0,
     };
     let force = |(k, name): (usize, &String)| ForceError {
         name: name.clone(),

@@ -321,6 +321,13 @@ fn summary(report: &RecipeReport) -> Vec<String> {
         mesher.max_dihedral,
         mesher.first_percentile
     ));
+    if let Some([rms, most]) = mesher.surface_distance {
+        lines.push(format!(
+            "the surface is {} (root mean square), at most {}, from that of the input",
+            significant(rms),
+            significant(most)
+        ));
+    }
     let memory = mesher.peak_memory.map_or(String::new(), |bytes| {
         format!(", peak memory {:.0} MB", bytes as f64 / 1e6)
     });

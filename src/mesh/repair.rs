@@ -18,6 +18,9 @@ pub struct RepairReport {
     pub unused_nodes: usize,
     /// Faces shared by more than two tets; they are left unconnected.
     pub overshared_faces: usize,
+    /// Root mean square and maximum of the distances between its boundary and that of the scan or
+    /// surface that it was meshed from, in file units; `None` where that is unknown.
+    pub surface_distance: Option<[f64; 2]>,
     /// Descriptions of the above and the warnings of the reader.
     pub warnings: Vec<String>,
 }

@@ -22,6 +22,9 @@ pub struct MeshReport {
     pub tets: usize,
     /// The regions, ascending.
     pub regions: Vec<RegionReport>,
+    /// Root mean square and maximum of the distances between the boundary of the mesh and that of what
+    /// was meshed, at up to 20,000 faces.
+    pub surface_distance: Option<[f64; 2]>,
     /// The smallest dihedral angle, in degrees.
     pub min_dihedral: f64,
     /// The largest dihedral angle, in degrees.

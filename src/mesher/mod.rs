@@ -28,6 +28,7 @@ mod small_components;
 mod spacing;
 mod stars;
 mod stencil;
+mod surface_distance;
 mod threshold_domain;
 mod threshold_range;
 mod volume_correction;
@@ -220,7 +221,8 @@ pub fn mesh_domain(
         optimise::optimise(weighed, report.edge, own, (&mut nodes, &mut pieces), &part)?;
     report.stage("shapes");
     ProgressScope::begin(progress, "quality", 0.9)?;
-    let filling = MeshedDomain::from_pieces(nodes, pieces, report)?;
+    let mut filling = MeshedDomain::from_pieces(nodes, pieces, report)?;
+    filling.measure_surface_distance(domain);
     ProgressScope::begin(progress, "done", 1.0)?;
     Ok(filling)
 }

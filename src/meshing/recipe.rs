@@ -381,6 +381,7 @@ impl Regions {
             .collect();
         mesh.region_names = named;
         mesh.length_unit = unit;
+        mesh.repairs.surface_distance = filling.report.surface_distance;
         let has_tets = |n: &usize| regions.iter().any(|r| r.label == self.labels[*n]);
         let lost = (0..self.labels.len()).filter(|n| !has_tets(n));
         let lost = lost.map(|n| self.lost(n, &filling.report));

@@ -296,7 +296,9 @@ fn sorted(mesh: TetMesh, regions: &SurfaceDomain, report: MeshReport) -> Result<
         .collect();
     let pieces = mesh.tets.iter().enumerate();
     let pieces = pieces.map(|(t, tet)| (*tet, region_of[&part(t)])).collect();
-    MeshedDomain::from_pieces(mesh.nodes, pieces, report)
+    let mut filled = MeshedDomain::from_pieces(mesh.nodes, pieces, report)?;
+    filled.measure_surface_distance(regions);
+    Ok(filled)
 }
 
 /// Returns the mean edge length of the tets.

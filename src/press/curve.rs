@@ -68,6 +68,9 @@ pub struct PressConditions {
     pub thickness_m: f64,
     /// Radius of the fingertip.
     pub radius_m: f64,
+    /// Distance of the mesh's boundary from that of the scan or surface that it was meshed from: root
+    /// mean square and maximum; `None` where that is unknown. The errors do not include it.
+    pub shape_error_m: Option<[f64; 2]>,
     /// Time step of the quasi-static steps, s.
     pub step_s: f64,
     /// The part of the body that is fixed; none where the scene's own supports hold it.

@@ -3,18 +3,18 @@
 
 use super::curve::{self, PressConditions, PressSample};
 use super::session::PressSession;
+use super::support_table::Table;
 use crate::accuracy::{ErrorParts, FinerBody, RestBody, mesh_factor, settle};
 use crate::gpu::Gpu;
-use crate::mesh::{ElementOrder, PIECES};
 use crate::number_format::significant;
 use crate::progress::ProgressScope;
 use crate::scene::Motion;
-use crate::{Error, ProgressFn, Result};
+use crate::{ProgressFn, Result};
 use glam::DVec3;
 use serde::Serialize;
 
 /// Name of the estimate in progress reports.
-const WHAT: &str = "estimating the error";
+pub(super) const WHAT: &str = "estimating the error";
 /// Depth of the second state, relative to the deepest one.
 const SECOND_DEPTH: f64 = 0.5;
 /// Largest gap of the contact barrier over the radius of the fingertip.
@@ -95,96 +95,53 @@ pub struct PressError {
 }
 
 /// A force that was solved again.
-struct Correction {
+pub(super) struct Correction {
     /// Depth, m.
     depth: f64,
     /// Force, N.
     force: f64,
     /// The same in the finer space, N.
     finer: f64,
-    parts: ErrorParts,
+    pub parts: ErrorParts,
 }
 
 /// The bodies in which states are solved again.
-struct ComparedBodies {
+pub(super) struct ComparedBodies {
     same: Motion,
     finer: FinerBody,
+    /// The same body on other faces.
+    other: Option<OtherBody>,
     /// Safety factor of the mesh part.
     factor: f64,
 }
 
+/// A body that lies on other faces of its mesh.
+struct OtherBody {
+    motion: Motion,
+    /// The fixed nodes on the table, and where they rest.
+    fixed: Vec<(u32, DVec3)>,
+    /// Share of the difference to it that is the error of the support.
+    share: f64,
+}
+
 impl ComparedBodies {
-    fn new(gpu: &Gpu, body: &RestBody) -> Result<ComparedBodies> {
+    pub fn new(gpu: &Gpu, body: &RestBody, session: &PressSession) -> Result<ComparedBodies> {
+        let table = session.setup().table.as_ref();
+        let other = table.and_then(Table::other_support).map(|support| {
+            let (other, nodes) = body.clone().with_last_pin(&support.nodes);
+            let rest = |v: u32| (v, body.mesh().nodes[v as usize]);
+            Ok(OtherBody {
+                motion: other.copy(gpu)?,
+                fixed: nodes.into_iter().map(rest).collect(),
+                share: support.share,
+            })
+        });
         Ok(ComparedBodies {
             same: body.copy(gpu)?,
             finer: body.finer(gpu)?,
+            other: other.transpose()?,
             factor: mesh_factor(body.order()),
         })
-    }
-}
-
-/// The present state of an interactive press, whose error can be estimated on another thread.
-#[derive(Clone, Debug)]
-pub(super) struct PressedState {
-    body: RestBody,
-    session: PressSession,
-    state: LoadedState,
-}
-
-impl PressedState {
-    /// Returns the state of the press of `session` on the body of `motion`, which is at rest at the
-    /// last sample.
-    ///
-    /// # Errors
-    /// [`Error::Input`] without a press, or for a body whose error cannot be estimated; errors of
-    /// reading the body back.
-    pub fn new(session: &PressSession, motion: &Motion) -> Result<PressedState> {
-        let last = session.samples().last();
-        let (Some(last), Some(depth)) = (last, session.depth()) else {
-            return Err(super::session::not_placed());
-        };
-        if !session.setup().quasi_static {
-            return Err(Error::Input(
-                "the error of a press is estimated for quasi-static presses only".into(),
-            ));
-        }
-        Ok(PressedState {
-            body: RestBody::new(&session.setup().scene, motion)?,
-            session: session.clone(),
-            state: LoadedState {
-                depth,
-                force: last.force_n,
-                positions: motion.positions()?,
-            },
-        })
-    }
-
-    /// Returns the number of elements of the finer space, on which the computing time depends.
-    pub fn finer_elements(&self) -> usize {
-        let mesh = self.body.mesh();
-        match mesh.order {
-            ElementOrder::Linear => mesh.element_count(),
-            ElementOrder::Quadratic => PIECES * mesh.element_count(),
-        }
-    }
-
-    /// Estimates the parts of the error of the force, N.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`]; [`Error::Solver`] if the finer body has no equilibrium near this one.
-    pub fn force_error(&self, gpu: &Gpu, progress: ProgressFn) -> Result<ErrorParts> {
-        let report = |share: f64| ProgressScope::begin(progress, WHAT, share).map(drop);
-        report(0.0)?;
-        let estimator = ErrorEstimator {
-            session: &self.session,
-            samples: self.session.samples(),
-            conditions: &PressConditions::default(),
-        };
-        let mut bodies = ComparedBodies::new(gpu, &self.body)?;
-        report(0.2)?;
-        let slope = estimator.slope(&self.state);
-        let found = estimator.correct(&mut bodies, (&self.state, slope), &mut || report(0.4))?;
-        Ok(found.parts)
     }
 }
 
@@ -213,7 +170,7 @@ impl ErrorEstimator<'_> {
         let Some((deepest, second)) = states.chosen().filter(|(s, _)| s.force > 0.0) else {
             return Ok(None);
         };
-        let mut bodies = ComparedBodies::new(gpu, body)?;
+        let mut bodies = ComparedBodies::new(gpu, body, self.session)?;
         report(0.1)?;
         let slope = self.slope(deepest);
         let second =
@@ -231,7 +188,7 @@ impl ErrorEstimator<'_> {
     }
 
     /// Solves a state again; `slope` is that of the curve there, N/m. Calls `check` between the solves.
-    fn correct(
+    pub fn correct(
         &self,
         bodies: &mut ComparedBodies,
         (state, slope): (&LoadedState, f64),
@@ -239,6 +196,18 @@ impl ErrorEstimator<'_> {
     ) -> Result<Correction> {
         let [same_force, own_change] =
             self.solve(&mut bodies.same, &state.positions, state.depth)?;
+        check()?;
+        let support = match &mut bodies.other {
+            Some(other) => {
+                let mut positions = state.positions.clone();
+                for (v, rest) in &other.fixed {
+                    positions[*v as usize] = *rest;
+                }
+                let [force, _] = self.solve(&mut other.motion, &positions, state.depth)?;
+                other.share * (force - same_force).abs()
+            }
+            None => 0.0,
+        };
         check()?;
         let positions = bodies.finer.positions_from(&state.positions);
         let [finer, change] = self.solve(&mut bodies.finer.motion, &positions, state.depth)?;
@@ -252,6 +221,7 @@ impl ErrorEstimator<'_> {
                 time: (state.force - same_force).abs(),
                 solver: own_change + change,
                 contact: slope * gap,
+                support,
             },
         })
     }
@@ -297,7 +267,7 @@ impl ErrorEstimator<'_> {
     }
 
     /// Returns the slope of the curve at its deepest state, N/m.
-    fn slope(&self, deepest: &LoadedState) -> f64 {
+    pub fn slope(&self, deepest: &LoadedState) -> f64 {
         let depth = self.session.unit() * deepest.depth;
         let mut load = self.samples.iter().filter(|s| s.phase == "load");
         let before = load.rfind(|s| s.depth_m < depth);
@@ -332,17 +302,19 @@ impl ErrorEstimator<'_> {
             [0, 1].map(|k| (own[k] - other[k]).abs())
         };
         let signed = |c: &Correction| (c.force - c.finer).signum() * c.parts.mesh;
-        let [mesh, time, solver, contact] = [
+        let [mesh, time, solver, contact, support] = [
             change(&signed),
             change(&|c| c.parts.time),
             change(&|c| c.parts.solver),
             change(&|c| c.parts.contact),
+            change(&|c| c.parts.support),
         ];
         let [stiffness, young] = [0, 1].map(|k| ErrorParts {
             mesh: mesh[k],
             time: time[k],
             solver: solver[k],
             contact: contact[k],
+            support: support[k],
         });
         PressError {
             max_force_n: deepest.parts,

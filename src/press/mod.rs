@@ -7,11 +7,13 @@
 mod curve;
 mod error;
 mod interactive;
+mod interactive_error;
 mod map;
 mod session;
 mod setup;
 mod site;
 mod support_table;
+mod surface_moments;
 mod validity;
 
 pub use curve::{Bed, PressConditions, PressReport, PressSample};
@@ -99,6 +101,8 @@ pub struct Press {
     poisson: f64,
     /// Number of fixed nodes.
     fixed_nodes: usize,
+    /// Root mean square and maximum distance of the mesh's boundary from what was meshed, m.
+    shape_error: Option<[f64; 2]>,
     /// Remaining unloading steps; `None` while loading.
     left: Option<u32>,
     /// Depth at which tets would have been inverted, m.
@@ -148,7 +152,7 @@ impl Press {
             .is_some_and(|table| table.reaches(site.point))
         {
             return Err(Error::Input(format!(
-                "press point {} lies at the table; press elsewhere (--at x,y,z or --pick X,Y), or change gravity (--gravity x,y,z)",
+                "press point {} is too close to the table; press elsewhere (--at x,y,z or --pick X,Y), or change gravity (--gravity x,y,z)",
                 site.point
             )));
         }
@@ -164,7 +168,11 @@ impl Press {
         let fixed_nodes = fixed.filter(|pinned| **pinned).count();
         let mut session = PressSession::new(setup, motion);
         session.touch_site(motion, &Boundary::at_rest(motion), site)?;
+        let unit = motion.length_unit();
+        let shape_error = motion.simulator.mesh().repairs.surface_distance;
+        let shape_error = shape_error.map(|distances| distances.map(|d| unit * d));
         let notes = stage.notes().iter().cloned().chain(session.notes());
+        let notes = notes.chain(shape_error.map(shape_note));
         Ok(Press {
             poisson: session.poisson().unwrap_or(untouched),
             notes: notes.collect(),
@@ -174,6 +182,7 @@ impl Press {
             depth,
             force: wanted.force,
             fixed_nodes,
+            shape_error,
             left: None,
             inversion_depth: None,
             ended: None,
@@ -472,6 +481,7 @@ impl Press {
             length_unit_m: unit,
             thickness_m: unit * self.site.thickness,
             radius_m: unit * self.radius(),
+            shape_error_m: self.shape_error,
             step_s: self.session.step(),
             bed: self
                 .session
@@ -492,4 +502,13 @@ impl Press {
             .chain(curve_warnings(self.samples()))
             .collect()
     }
+}
+
+/// Returns a note about the error of the shape: root mean square and maximum distance, m.
+fn shape_note([rms, most]: [f64; 2]) -> String {
+    format!(
+        "the surface of the mesh is {} mm (root mean square), at most {} mm, from that of what was meshed; the errors leave this out",
+        significant(1e3 * rms),
+        significant(1e3 * most)
+    )
 }

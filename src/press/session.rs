@@ -2,7 +2,7 @@
 //! Python package all press with it, so that they measure the same force at the same depth.
 
 use super::curve::PressSample;
-use super::error::PressedState;
+use super::interactive_error::PressedState;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::validity::{ContactProblem, body_warnings, contact_problem};

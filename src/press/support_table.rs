@@ -5,23 +5,23 @@
 //! linear and quadratic tets.
 
 use super::curve::Bed;
+use super::surface_moments::{Moments, extends, polygon_area};
 use crate::mesh::{TetMesh, Topology};
 use crate::number_format::significant;
 use crate::scene::Region;
 use crate::{Error, Result};
-use glam::{DMat2, DVec2, DVec3};
+use glam::DVec3;
 
 /// Fraction of the body's height along gravity within which it is fixed; doubled, up to a limit,
 /// until the fixed part supports the body.
 const FRACTION: f64 = 0.04;
 const MAX_FRACTION: f64 = 0.5;
 
-/// Minimum extent of the fixed part in every horizontal direction, relative to that of the body
-/// (root mean squares).
-const MIN_SUPPORT_RATIO: f64 = 0.1;
-
 /// Difference of heights, relative to the body's, below which faces are chosen together.
 const SAME_HEIGHT: f64 = 1e-9;
+
+/// Share of the way to another choice of faces that does not matter.
+const NEGLIGIBLE_SHARE: f64 = 1e-6;
 
 /// A table below a body.
 #[derive(Clone, Debug)]
@@ -34,12 +34,29 @@ pub(super) struct Table {
     shape_fraction: f64,
     low: f64,
     high: f64,
-    /// The fixed corners of elements, in increasing order.
-    nodes: Vec<u32>,
-    /// Area of the region of the shape, and of the fixed faces, seen from the table; file units
-    /// squared.
+    /// Area of the region of the shape, seen from the table, in file units squared.
     shape_area: f64,
-    fixed_area: f64,
+    /// The faces whose area comes closest to it, and the closest ones on its other side.
+    fixed: FixedFaces,
+    others: Option<FixedFaces>,
+}
+
+/// The lowest faces of a mesh, up to some height.
+#[derive(Clone, Debug, Default)]
+struct FixedFaces {
+    /// Their nodes, corners of elements, in increasing order.
+    nodes: Vec<u32>,
+    /// Their area, seen from the table, in file units squared.
+    area: f64,
+}
+
+/// Another choice of fixed faces, for an estimate of how much the choice matters.
+pub(super) struct OtherSupport {
+    /// The fixed corners of elements.
+    pub nodes: Vec<u32>,
+    /// Share of the way from the chosen to the other area, at which the area of the shape's region
+    /// lies.
+    pub share: f64,
 }
 
 /// A boundary face of an element.
@@ -68,9 +85,9 @@ impl Table {
             shape_fraction: FRACTION,
             low: low[axis],
             high: high[axis],
-            nodes: Vec::new(),
             shape_area: 0.0,
-            fixed_area: 0.0,
+            fixed: FixedFaces::default(),
+            others: None,
         };
         let faces = match mesh.quadratic_elements() {
             Some(elements) => table.boundary_faces(&mesh.mesh_of_corners(&elements)),
@@ -145,25 +162,53 @@ impl Table {
         for face in &lower {
             added[fixed_with(face)] += face.seen_area;
         }
-        let (mut area, mut best) = (0.0, None::<(usize, f64)>);
+        // The last face of each height, and the area of the faces up to there.
+        let (mut area, mut choices) = (0.0, Vec::<(usize, f64)>::new());
         for (k, face) in lower.iter().enumerate() {
             area += added[k];
             let next = lower.get(k + 1);
             let is_last = next.is_none_or(|next| next.height > face.height + SAME_HEIGHT);
-            let miss = |area: f64| (area - self.shape_area).abs();
-            if is_last && best.is_none_or(|(_, least)| miss(area) < miss(least)) {
-                best = Some((k, area));
+            if is_last && choices.last().is_none_or(|(_, before)| area > *before) {
+                choices.push((k, area));
             }
         }
-        let Some((last, area)) = best else {
+        let of = |(last, area): (usize, f64)| FixedFaces {
+            nodes: (0u32..)
+                .zip(&first)
+                .filter(|(_, rank)| **rank <= last)
+                .map(|(v, _)| v)
+                .collect(),
+            area,
+        };
+        let wanted = self.shape_area;
+        let miss = |choice: &(usize, f64)| (choice.1 - wanted).abs();
+        let best = choices.iter().min_by(|a, b| miss(a).total_cmp(&miss(b)));
+        let Some(best) = best.copied() else {
             return false;
         };
-        self.fixed_area = area;
-        let fixed = (0u32..).zip(&first).filter(|(_, rank)| **rank <= last);
-        self.nodes = fixed.map(|(v, _)| v).collect();
-        let held = lower.iter().filter(|face| fixed_with(face) <= last);
+        let mut beyond = choices
+            .iter()
+            .filter(|(_, area)| (area - wanted) * (best.1 - wanted) < 0.0);
+        let other = match best.1 < wanted {
+            true => beyond.next(),
+            false => beyond.next_back(),
+        };
+        self.others = other.copied().map(of);
+        self.fixed = of(best);
+        let held = lower.iter().filter(|face| fixed_with(face) <= best.0);
         let held = self.moments(held.map(|face| face.corners.to_vec()));
         held.area > 0.0 && extends(&held.covariance(), &own.covariance())
+    }
+
+    /// Returns the choice of faces on the other side of the shape's region; `None` if the chosen ones
+    /// have its area.
+    pub fn other_support(&self) -> Option<OtherSupport> {
+        let other = self.others.as_ref()?;
+        let share = (self.shape_area - self.fixed.area) / (other.area - self.fixed.area);
+        (share > NEGLIGIBLE_SHARE).then(|| OtherSupport {
+            nodes: other.nodes.clone(),
+            share,
+        })
     }
 
     /// Returns the area of the part of `face` in the shape's region, seen from the table.
@@ -216,7 +261,7 @@ impl Table {
     pub fn region(&self) -> Region {
         Region {
             name: Some("table".into()),
-            listed: Some(self.nodes.clone()),
+            listed: Some(self.fixed.nodes.clone()),
             ..Region::default()
         }
     }
@@ -229,7 +274,7 @@ impl Table {
             side: format!("{sign}{}", ["x", "y", "z"][self.axis]),
             fraction: self.fraction,
             area_m2: self.shape_area * unit * unit,
-            fixed_area_m2: self.fixed_area * unit * unit,
+            fixed_area_m2: self.fixed.area * unit * unit,
             nodes,
         }
     }
@@ -244,70 +289,6 @@ impl Table {
             )
         })
     }
-}
-
-fn polygon_area(corners: &[DVec3]) -> f64 {
-    let [origin, rest @ ..] = corners else {
-        return 0.0;
-    };
-    let triangles = rest.windows(2);
-    triangles
-        .map(|pair| 0.5 * (pair[0] - *origin).cross(pair[1] - *origin).length())
-        .sum()
-}
-
-/// Whether points with the covariance `held` extend far enough, in every direction, beside those
-/// with the covariance `own`.
-fn extends(held: &DMat2, own: &DMat2) -> bool {
-    // Held − ratio² · own is positive definite.
-    let rest = *held - MIN_SUPPORT_RATIO * MIN_SUPPORT_RATIO * *own;
-    rest.x_axis.x > 0.0 && rest.determinant() > 0.0
-}
-
-/// Area and moments of a surface, projected along a coordinate axis.
-struct Moments {
-    area: f64,
-    first: DVec2,
-    second: DMat2,
-}
-
-impl Moments {
-    /// Those of nothing. (glam's default matrix is the identity.)
-    const ZERO: Moments = Moments {
-        area: 0.0,
-        first: DVec2::ZERO,
-        second: DMat2::ZERO,
-    };
-
-    /// Adds a convex polygon with its own area and the coordinates `a` and `b`.
-    fn add_polygon(&mut self, corners: &[DVec3], a: usize, b: usize) {
-        let [origin, rest @ ..] = corners else {
-            return;
-        };
-        for pair in rest.windows(2) {
-            let triangle = [*origin, pair[0], pair[1]];
-            let area = 0.5 * (pair[0] - *origin).cross(pair[1] - *origin).length();
-            let flat = triangle.map(|p| DVec2::new(p[a], p[b]));
-            let sum: DVec2 = flat.iter().sum();
-            self.area += area;
-            self.first += area / 3.0 * sum;
-            // ∫ p pᵀ = A/12 (Σ pᵢ pᵢᵀ + Σ pᵢ Σ pᵢᵀ)
-            for p in flat.iter().chain([&sum]) {
-                self.second += outer_product(*p) * (area / 12.0);
-            }
-        }
-    }
-
-    fn covariance(&self) -> DMat2 {
-        if self.area <= 0.0 {
-            return DMat2::ZERO;
-        }
-        self.second * (1.0 / self.area) - outer_product(self.first / self.area)
-    }
-}
-
-fn outer_product(p: DVec2) -> DMat2 {
-    DMat2::from_cols(p.x * p, p.y * p)
 }
 
 #[cfg(test)]
@@ -346,17 +327,20 @@ mod tests {
             let at = nodes.filter(|(_, p)| (p.z - z).abs() < 1e-9);
             at.map(|(v, _)| v).collect()
         };
-        assert_eq!(flat.nodes, bottom(&mesh, 0.0));
-        assert!((flat.fixed_area - 1.0).abs() < 1e-12 && (flat.shape_area - 1.0).abs() < 1e-12);
+        assert_eq!(flat.fixed.nodes, bottom(&mesh, 0.0));
+        assert!((flat.fixed.area - 1.0).abs() < 1e-12 && (flat.shape_area - 1.0).abs() < 1e-12);
         let above = table(&mesh, DVec3::Z);
-        assert_eq!(above.nodes, bottom(&mesh, 1.0));
+        assert_eq!(above.fixed.nodes, bottom(&mesh, 1.0));
         assert!(above.note().is_none());
         // A finer mesh, with faces on its sides within the lowest 4 %, and quadratic tets of it.
         let fine = generate::bar([2, 2, 50], DVec3::splat(1.0)).unwrap();
-        assert_eq!(table(&fine, DVec3::NEG_Z).nodes, bottom(&fine, 0.0));
+        assert_eq!(table(&fine, DVec3::NEG_Z).fixed.nodes, bottom(&fine, 0.0));
         let quadratic = fine.with_mid_edge_nodes().unwrap();
         assert_eq!(
-            table(&quadratic, DVec3::NEG_Z).nodes,
+            table(&quadratic, DVec3::NEG_Z)
+                .region()
+                .nodes(&quadratic)
+                .unwrap(),
             bottom(&quadratic, 0.0)
         );
         // One corner that sticks out below does not support the body.
@@ -373,11 +357,11 @@ mod tests {
         for (cells, tolerance) in [(4, 0.6), (8, 0.25), (16, 0.1), (32, 0.03)] {
             let own = table(&ball(cells), DVec3::NEG_Z);
             assert_eq!(own.fraction, FRACTION);
-            let error = (own.fixed_area / exact - 1.0).abs();
+            let error = (own.fixed.area / exact - 1.0).abs();
             assert!(
                 error < tolerance,
                 "{cells} cells: {} of {exact}",
-                own.fixed_area
+                own.fixed.area
             );
         }
     }
@@ -388,14 +372,18 @@ mod tests {
         let linear = table(&mesh, DVec3::NEG_Z);
         let finer = mesh.with_mid_edge_nodes().unwrap();
         let quadratic = table(&finer, DVec3::NEG_Z);
-        assert_eq!(linear.fixed_area, quadratic.fixed_area);
-        assert_eq!(linear.nodes, quadratic.nodes);
+        assert_eq!(linear.fixed.area, quadratic.fixed.area);
+        assert_eq!(linear.fixed.nodes, quadratic.fixed.nodes);
         // The nodes that are 0 where all linear functions are.
         let mut fixed = vec![false; mesh.nodes.len()];
-        linear.nodes.iter().for_each(|v| fixed[*v as usize] = true);
+        linear
+            .fixed
+            .nodes
+            .iter()
+            .for_each(|v| fixed[*v as usize] = true);
         let same = FinerSpace::new(&mesh).unwrap().fixed_nodes(&fixed);
         let nodes = quadratic.region().nodes(&finer).unwrap();
-        assert!(nodes == same && nodes.len() > 2 * linear.nodes.len());
+        assert!(nodes == same && nodes.len() > 2 * linear.fixed.nodes.len());
     }
 
     #[test]
@@ -413,18 +401,6 @@ mod tests {
         assert!(
             fine.shape_fraction > FRACTION && fine.note().is_none(),
             "{fine:?}"
-        );
-        let mut moments = Moments::ZERO;
-        let square = [DVec3::ZERO, DVec3::X, DVec3::X + DVec3::Y, DVec3::Y];
-        moments.add_polygon(&square, 0, 1);
-        let found = moments.covariance();
-        assert!(
-            (found.x_axis - DVec2::new(1.0 / 12.0, 0.0)).length() < 1e-12,
-            "{found}"
-        );
-        assert!(
-            (found.y_axis - DVec2::new(0.0, 1.0 / 12.0)).length() < 1e-12,
-            "{found}"
         );
     }
 }

@@ -223,7 +223,7 @@ fn press_rejects_invalid_options() {
         at: Some(DVec3::new(0.05, 0.05, 0.0)),
         ..PressOptions::default()
     };
-    assert!(error_of(&scene, &below).contains("fixed to the table"));
+    assert!(error_of(&scene, &below).contains("too close to the table"));
     let both = PressOptions {
         depth: Some(0.1),
         force: Some(1.0),

@@ -63,6 +63,10 @@ pub struct StageReport {
     pub max_displacement: f64,
     /// Diagonal of the bounding box at rest, in file units, as a reference length.
     pub diagonal: f64,
+    /// Root mean square and maximum of the distances between the boundary at rest and that of the scan
+    /// or surface that it was meshed from, in file units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub surface_distance: Option<[f64; 2]>,
     /// Number of inverted tetrahedra.
     pub inverted: u64,
     /// Simulated time, s.
@@ -190,6 +194,7 @@ impl Stage {
             volume_ratio: state.map_or(1.0, |s| s.volume_ratio),
             max_displacement: state.map_or(0.0, |s| s.max_displacement),
             diagonal: (bounds.1 - bounds.0).length(),
+            surface_distance: self.mesh().repairs.surface_distance,
             inverted: picture.inverted.into(),
             time,
             cage: self.motion().and_then(Motion::cage),

@@ -4,8 +4,9 @@ use super::edited;
 use crate::app::App;
 use crate::document::{numbers, set};
 use eframe::egui;
+use palpate::mesh::ElementOrder;
 use palpate::physics::{Engine, EngineChoice, TISSUES};
-use palpate::scene::Scene;
+use palpate::scene::{OrderChoice, Scene};
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
 /// Engines and their display names.
@@ -22,6 +23,13 @@ const INTEGRATORS: [(&str, &str); 7] = [
     ("symplectic", "small steps, conserves energy"),
     ("verlet", "small steps, conserves energy"),
     ("velocity-verlet", "small steps, conserves energy"),
+];
+
+/// Orders of the elements and their display names.
+const ORDERS: [(&str, &str); 3] = [
+    ("1", "linear tets"),
+    ("2", "quadratic tets"),
+    ("auto", "automatic"),
 ];
 
 /// Table, key and new value of an entry.
@@ -70,6 +78,18 @@ impl App {
                 edits.push(("solver", "tolerance", Value::from(tolerance)));
             }
             ui.end_row();
+            if motion
+                .simulator
+                .model()
+                .is_some_and(|m| m.elements().is_some())
+            {
+                ui.label("Elements");
+                let order = show.stage().mesh().order;
+                if let Some(value) = choose_order(ui, scene.material.order, order) {
+                    edits.push(("material", "order", value));
+                }
+                ui.end_row();
+            }
             if let Some(young) = scene.material.young {
                 ui.label("Young's modulus");
                 if let Some(young) = edited(ui, "young", 1e-3 * young, (0.01..=1e9, 0.1, " kPa")) {
@@ -131,6 +151,33 @@ fn choose_engine(
         None => chosen.clone(),
     };
     choice(ui, "engine", &called, &chosen, &ENGINES)
+}
+
+/// Draws the choice of the order of elements, of which `order` is simulated. Returns the new value, if
+/// it changed.
+fn choose_order(
+    ui: &mut egui::Ui,
+    asked: Option<OrderChoice>,
+    order: ElementOrder,
+) -> Option<Value> {
+    let chosen = match asked {
+        Some(OrderChoice::Auto) => "auto".to_owned(),
+        Some(OrderChoice::Exactly(order)) => order.to_string(),
+        None => ElementOrder::Linear.to_string(),
+    };
+    let name = |word: &str| {
+        let found = ORDERS.iter().find(|(own, _)| *own == word);
+        found.map_or("", |(_, called)| called)
+    };
+    let called = match asked {
+        Some(OrderChoice::Auto) => format!("{} ({})", name("auto"), name(&order.to_string())),
+        _ => name(&chosen).to_owned(),
+    };
+    let word = choice(ui, "order", &called, &chosen, &ORDERS)?;
+    Some(
+        word.parse::<i64>()
+            .map_or_else(|_| word.into(), Value::from),
+    )
 }
 
 /// Draws a combo box of words with display names. Returns the new choice, if it changed.
