@@ -90,21 +90,7 @@ impl App {
                 }
                 ui.end_row();
             }
-            if let Some(young) = scene.material.young {
-                ui.label("Young's modulus");
-                if let Some(young) = edited(ui, "young", 1e-3 * young, (0.01..=1e9, 0.1, " kPa")) {
-                    edits.push(("material", "young", Value::from(1e3 * young)));
-                }
-                ui.end_row();
-            }
-            for (name, young) in stiffnesses(&scene) {
-                ui.label(format!("  of {name}"));
-                let id = format!("young of {name}");
-                if let Some(young) = edited(ui, &id, 1e-3 * young, (0.01..=1e9, 0.1, " kPa")) {
-                    stiffer = Some((name, 1e3 * young));
-                }
-                ui.end_row();
-            }
+            stiffer = young_rows(ui, &scene, &mut edits);
         });
         if let Some((name, young)) = stiffer {
             let what = format!("young of {name}");
@@ -120,6 +106,29 @@ impl App {
             });
         }
     }
+}
+
+/// Draws the rows of Young's moduli, and adds the edit of that of the body. Returns the tissue whose
+/// modulus changed, with the new one, Pa.
+fn young_rows(ui: &mut egui::Ui, scene: &Scene, edits: &mut Vec<Edit>) -> Option<(String, f64)> {
+    let range = || (0.01..=1e9, 0.1, " kPa");
+    if let Some(young) = scene.material.young {
+        ui.label("Young's modulus");
+        if let Some(young) = edited(ui, "young", 1e-3 * young, range()) {
+            edits.push(("material", "young", Value::from(1e3 * young)));
+        }
+        ui.end_row();
+    }
+    let mut changed = None;
+    for (name, young) in stiffnesses(scene) {
+        ui.label(format!("  of {name}"));
+        let id = format!("young of {name}");
+        if let Some(young) = edited(ui, &id, 1e-3 * young, range()) {
+            changed = Some((name, 1e3 * young));
+        }
+        ui.end_row();
+    }
+    changed
 }
 
 /// Writes the settings of a solver to the text of a scene that names none: gravity, the step in ms
