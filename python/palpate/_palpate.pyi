@@ -130,7 +130,8 @@ def use_double_precision(stage: Stage) -> None: ...
 def gradient(stage: Stage, quantity: _Item, parameters: list[_Item]) -> _Gradient: ...
 def gradient_of_motion(
     stage: Stage,
-    motion: tuple[int, bool],
+    steps: int,
+    integral: bool,
     quantity: _Item,
     parameters: list[_Item],
     progress: _Progress,

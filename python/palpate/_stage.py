@@ -281,7 +281,8 @@ class Simulator:
         """
         found = _palpate.gradient_of_motion(
             self._stage,
-            (_count(steps, "steps"), integral),
+            _count(steps, "steps"),
+            integral,
             item_of(quantity),
             [item_of(p) for p in parameters],
             progress,

@@ -270,7 +270,7 @@ def item_of(given: Any) -> Item:
             f"{given!r} is not a quantity or parameter of palpate.gradients, such as Young(region=1)"
         )
     fields = vars(given)
-    numbers = next((fields[name] for name in _NUMBERS if fields.get(name) is not None), [])
+    numbers: npt.ArrayLike = next((fields[name] for name in _NUMBERS if fields.get(name) is not None), [])
     if fields.get("tets") is not None and fields.get("region") is not None:
         raise InputError(f"{kind} takes tets or a region, not both")
     indices = _integers(numbers, kind)

@@ -1,6 +1,6 @@
 //! Quantities and parameters of gradients from Python.
 
-use crate::body::simulator;
+use crate::body::{motion, simulator};
 use crate::stage::Stage;
 use crate::work::LongTask;
 use glam::DVec3;
@@ -60,29 +60,22 @@ pub fn gradient<'py>(
     Ok(found(py, gradient))
 }
 
-/// Takes steps with the body of `stage`, whose number `motion` has. Returns a quantity of this
-/// motion, integrated if `motion` says so or else at the end, and its derivatives.
+/// Takes a number of steps with the body of `stage`. Returns a quantity of this motion, integrated over
+/// time or at the end, and its derivatives.
 #[pyfunction]
 pub fn gradient_of_motion<'py>(
     py: Python<'py>,
     stage: &Stage,
-    motion: (u32, bool),
+    steps: u32,
+    integral: bool,
     quantity: Item,
     parameters: Vec<Item>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Found<'py>> {
-    let (steps, integrates) = motion;
     let gradient = LongTask::new(progress).run(py, |progress| {
         let stage = &mut stage.lock().stage;
-        let dt = crate::body::motion(stage)?.dt;
-        let body = simulator(stage)?;
-        let (quantity, parameters) = read(body, &quantity, &parameters)?;
-        let gradients = Capability::Gradients.require(body.gradients())?;
-        let steps = (steps, dt);
-        match integrates {
-            true => gradients.gradient_of_integral(steps, &quantity, &parameters, progress),
-            false => gradients.gradient_of_motion(steps, &quantity, &parameters, progress),
-        }
+        let (quantity, parameters) = read(simulator(stage)?, &quantity, &parameters)?;
+        motion(stage)?.gradient_of_motion(steps, (&quantity, integral), &parameters, progress)
     })?;
     Ok(found(py, gradient))
 }

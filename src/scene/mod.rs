@@ -51,6 +51,7 @@ mod mesh_manifest;
 mod mesh_source;
 mod missing_values;
 mod motion;
+mod motion_gradient;
 mod picture;
 mod pieces;
 mod preloaded;

@@ -92,10 +92,7 @@ fn window_session_matches_goldens() {
     assert!(apart(&side, &clear) > OTHER);
 
     // A saved scene is valid and has the current camera.
-    window.key("ctrl+s");
-    window.key("ctrl+a");
-    window.xdotool(&["type", "--delay", "20", "saved.toml"]);
-    window.key("Return");
+    window.enter_path("ctrl+s", "saved.toml");
     let file = window.folder.path().join("saved.toml");
     window.wait("the scene", |_| file.is_file());
     let scene = palpate::scene::Scene::read(&file).unwrap();
@@ -108,18 +105,13 @@ fn window_session_matches_goldens() {
             "{saved:?} {eye}"
         );
     }
-    window.key("ctrl+p");
-    window.key("ctrl+a");
-    window.xdotool(&["type", "--delay", "20", "saved.png"]);
-    window.key("Return");
+    window.enter_path("ctrl+p", "saved.png");
     let file = window.folder.path().join("saved.png");
     window.wait("the picture", |_| file.is_file());
     assert_eq!(Image::read_for_comparison(&file).unwrap().size, [1024, 768]);
 
     // A file that cannot be opened is reported, and the open document stays.
-    window.key("ctrl+l");
-    window.xdotool(&["type", "--delay", "20", "nothing.vtu"]);
-    window.key("Return");
+    window.enter_path("ctrl+l", "nothing.vtu");
     let frame = window.wait("the error", |frame| status(frame).contains("nothing.vtu"));
     assert!(frame["tets"].as_u64() > Some(0));
     check_for_hangs(&window);
@@ -210,9 +202,7 @@ fn cancel_stops_meshing() {
     let mut window = Window::open(&["--example", "limb"]);
     let scene = window.folder.path().join("large.toml");
     std::fs::write(&scene, "[mesh]\ngenerate = \"limb\"\ntets = 6000000\n").unwrap();
-    window.key("ctrl+l");
-    window.xdotool(&["type", "--delay", "20", "large.toml"]);
-    window.key("Return");
+    window.enter_path("ctrl+l", "large.toml");
     // The interface stays responsive during meshing.
     for _ in 0..5 {
         let seen = window.last()["number"].as_u64();
@@ -284,9 +274,7 @@ fn resting_press_has_an_error() {
     let scene = window.folder.path().join("block.toml");
     let text = "[mesh]\ngenerate = \"bar\"\ntets = 6000\n[material]\nmodel = \"neo-hookean\"\n";
     std::fs::write(&scene, text).unwrap();
-    window.key("ctrl+l");
-    window.xdotool(&["type", "--delay", "20", "block.toml"]);
-    window.key("Return");
+    window.enter_path("ctrl+l", "block.toml");
     window.wait("the block", |frame| {
         frame["name"] == "block.toml" && frame["loading"].is_null()
     });

@@ -223,6 +223,17 @@ impl Window {
         self.wait("the key", |frame| frame["keys"].as_u64() > keys);
     }
 
+    /// Opens the prompt for a path by a key, replaces its text by `path` and confirms it. The prompt
+    /// takes keys once it has been drawn.
+    pub fn enter_path(&mut self, key: &str, path: &str) {
+        self.key(key);
+        self.rest();
+        self.key("ctrl+a");
+        self.rest();
+        self.xdotool(&["type", "--delay", "20", path]);
+        self.key("Return");
+    }
+
     pub fn click(&mut self, at: [i32; 2]) {
         self.to(at);
         self.button(true);
