@@ -8,7 +8,7 @@ use glam::DVec3;
 
 impl TetMesh {
     /// Builds a mesh of order 2 from ten-node tets: their corners, then the nodes in the middle of their
-    /// edges in the order of [`TET_EDGES`](super::TET_EDGES), as those of [`TetMesh::ten_node_tets`].
+    /// edges in the order of [`TET_EDGES`], as those of [`TetMesh::ten_node_tets`].
     /// Cell fields have one tuple per ten-node tet. Repairs are those of [`TetMesh::new`]; a middle node
     /// that is a corner or on several edges is replaced by one of a straight edge, with a warning.
     ///
