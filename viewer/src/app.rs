@@ -160,8 +160,7 @@ impl App {
             saved_picture: None,
             #[cfg(not(target_arch = "wasm32"))]
             recording: None,
-            // A browser has one thread, and the page would not respond meanwhile.
-            estimates_errors: !options.no_error && !cfg!(target_arch = "wasm32"),
+            estimates_errors: !options.no_error,
             log: log.map_err(|e| e.to_string())?,
             panels_shown: None,
             told: None,

@@ -69,6 +69,8 @@ impl Viewer {
         let options = Options {
             open: example.map_or(InitialFile::Nothing, InitialFile::Example),
             log: None,
+            // A page has one thread, and would not respond during an estimate.
+            no_error: true,
         };
         let web = eframe::WebOptions {
             renderer: eframe::Renderer::Wgpu,
