@@ -2,12 +2,10 @@
 //! so.
 
 use crate::press::pressed;
-use crate::support::{gpu, real_data};
-use glam::DVec3;
+use crate::support::real_data;
 use palpate::no_progress;
-use palpate::press::{InteractiveStage, PressOptions, PressReport};
+use palpate::press::{PressOptions, PressReport};
 use palpate::scene::Scene;
-use std::path::Path;
 
 fn report(text: &str, wanted: &PressOptions) -> PressReport {
     let mut press = pressed(&Scene::parse(text).unwrap(), wanted);
@@ -61,37 +59,4 @@ fn bar_of_real_ellipsoid_is_as_large_as_its_force() {
     let parts = report.error_parts.unwrap();
     assert!((parts.finer_max_force_n / 4.140 - 1.0).abs() < 2e-3);
     assert!(parts.max_force_n.support > 0.0);
-}
-
-/// The knee of the viewer, pressed by hand: wherever its curve means nothing, it says so.
-#[test]
-#[ignore = "long: 40 steps of 50,000 tets"]
-fn knee_pressed_deep_by_hand_has_a_problem() {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/data/scenes/knee.toml");
-    let scene = Scene::read(Path::new(file)).unwrap();
-    let mesh = scene.load_mesh(&no_progress).unwrap();
-    let made = InteractiveStage::new(&gpu(), &scene, &mesh, None).unwrap();
-    let (mut stage, mut fingertip) = (made.stage, made.fingertip.unwrap());
-    // The point of the body nearest to the eye.
-    let eye = DVec3::from(scene.camera.eye.unwrap());
-    fingertip.touch(&mut stage, eye).unwrap();
-    let motion = stage.motion_mut().unwrap();
-    let mut had_problem = false;
-    for (goal, phase) in [(18.0, "load"), (0.0, "unload")] {
-        for _ in 0..100 {
-            let advanced = fingertip.step_towards(motion, goal, phase).unwrap();
-            had_problem |= !advanced || fingertip.problem().is_some();
-            let last = fingertip.samples().last().unwrap();
-            println!(
-                "{:.4} m: {:.1} N, problem: {had_problem}",
-                last.depth_m, last.force_n
-            );
-            // A finger is not pulled.
-            assert!(last.force_n > -1e-3 || had_problem, "{last:?}");
-            if !advanced || fingertip.depth().unwrap() == goal {
-                break;
-            }
-        }
-    }
-    assert!(had_problem);
 }
