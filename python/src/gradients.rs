@@ -75,7 +75,7 @@ pub fn gradient_of_motion<'py>(
     let gradient = LongTask::new(progress).run(py, |progress| {
         let stage = &mut stage.lock().stage;
         let (quantity, parameters) = read(simulator(stage)?, &quantity, &parameters)?;
-        motion(stage)?.gradient_of_motion(steps, (&quantity, integral), &parameters, progress)
+        motion(stage)?.gradient_of_motion(steps, &quantity, integral, &parameters, progress)
     })?;
     Ok(found(py, gradient))
 }

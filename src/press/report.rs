@@ -66,7 +66,7 @@ impl Press {
 /// Returns a note about the error of the shape: root mean square and maximum distance, m.
 pub(super) fn shape_note([rms, most]: [f64; 2]) -> String {
     format!(
-        "the surface of the mesh is {} mm (root mean square), at most {} mm, from that of what was meshed; the errors leave this out",
+        "the surface of the mesh is {} mm (root mean square), at most {} mm, from that of the scan or surface it was meshed from; the errors leave this out",
         significant(1e3 * rms),
         significant(1e3 * most)
     )

@@ -15,7 +15,8 @@ impl Motion {
     pub fn gradient_of_motion(
         &mut self,
         steps: u32,
-        (quantity, integral): (&Quantity, bool),
+        quantity: &Quantity,
+        integral: bool,
         parameters: &[Parameter],
         progress: ProgressFn<'_>,
     ) -> Result<Gradient> {
@@ -28,10 +29,7 @@ impl Motion {
         self.wake();
         let steps = (steps, self.dt);
         let gradients = Capability::Gradients.require(self.simulator.gradients())?;
-        let found = match integral {
-            true => gradients.gradient_of_integral(steps, quantity, parameters, progress),
-            false => gradients.gradient_of_motion(steps, quantity, parameters, progress),
-        };
+        let found = gradients.gradient_of_motion(steps, quantity, integral, parameters, progress);
         // Also of the steps before an error.
         self.progress = self.simulator.progress().ok().or(self.progress);
         found

@@ -34,46 +34,17 @@ impl Gradients for CpuTets {
 
     fn gradient_of_motion(
         &mut self,
-        steps: (u32, f64),
-        quantity: &Quantity,
-        parameters: &[Parameter],
-        progress: ProgressFn<'_>,
-    ) -> Result<Gradient> {
-        let quantity = MotionQuantity::AtEnd(quantity.clone());
-        self.motion_gradient(steps, &quantity, parameters, progress)
-    }
-
-    fn gradient_of_integral(
-        &mut self,
-        steps: (u32, f64),
-        quantity: &Quantity,
-        parameters: &[Parameter],
-        progress: ProgressFn<'_>,
-    ) -> Result<Gradient> {
-        let quantity = MotionQuantity::Integral(quantity.clone());
-        self.motion_gradient(steps, &quantity, parameters, progress)
-    }
-
-    fn use_double_precision(&mut self) -> Result<()> {
-        self.finish()?;
-        if self.model.precision == Precision::Double {
-            return Ok(());
-        }
-        let (positions, velocities) = (self.positions()?, self.velocities()?);
-        self.model.precision = Precision::Double;
-        self.rebuild_body(&positions, &velocities)
-    }
-}
-
-impl CpuTets {
-    fn motion_gradient(
-        &mut self,
         (steps, dt): (u32, f64),
-        quantity: &MotionQuantity,
+        quantity: &Quantity,
+        integral: bool,
         parameters: &[Parameter],
         progress: ProgressFn<'_>,
     ) -> Result<Gradient> {
         check_time_step(dt)?;
+        let quantity = match integral {
+            true => MotionQuantity::Integral(quantity.clone()),
+            false => MotionQuantity::AtEnd(quantity.clone()),
+        };
         prepare(self, "a gradient of a motion")?;
         let faces = self.boundary();
         let before = self.progress;
@@ -100,7 +71,7 @@ impl CpuTets {
             let task = MotionTask {
                 steps,
                 dt,
-                quantity,
+                quantity: &quantity,
                 parameters,
                 memory: STATE_MEMORY,
                 parts: StepParts::default(),
@@ -114,6 +85,16 @@ impl CpuTets {
         self.changes += 1;
         self.upload_now()?;
         done.gradient
+    }
+
+    fn use_double_precision(&mut self) -> Result<()> {
+        self.finish()?;
+        if self.model.precision == Precision::Double {
+            return Ok(());
+        }
+        let (positions, velocities) = (self.positions()?, self.velocities()?);
+        self.model.precision = Precision::Double;
+        self.rebuild_body(&positions, &velocities)
     }
 }
 

@@ -167,8 +167,9 @@ pub trait Gradients {
 
     /// Takes a number of steps of a length in seconds from the current state, with constant loads
     /// and to a residual of 1e-10, and returns a quantity at their end and its derivatives by
-    /// parameters. It keeps up to 1 GiB of states; a longer motion is computed twice. `progress`
-    /// gets the fraction of both passes.
+    /// parameters. If `integral`, the quantity is integrated over time: summed after every step, times
+    /// the length of the step, s. It keeps up to 1 GiB of states; a longer motion is computed twice.
+    /// `progress` gets the fraction of both passes.
     ///
     /// # Errors
     /// [`Error::Solver`](crate::Error::Solver) if a step fails;
@@ -179,19 +180,7 @@ pub trait Gradients {
         &mut self,
         steps: (u32, f64),
         quantity: &Quantity,
-        parameters: &[Parameter],
-        progress: ProgressFn<'_>,
-    ) -> Result<Gradient>;
-
-    /// As [`Gradients::gradient_of_motion`], of the integral of the quantity over time: the sum of its
-    /// values after every step times the length of the step, s.
-    ///
-    /// # Errors
-    /// As [`Gradients::gradient_of_motion`].
-    fn gradient_of_integral(
-        &mut self,
-        steps: (u32, f64),
-        quantity: &Quantity,
+        integral: bool,
         parameters: &[Parameter],
         progress: ProgressFn<'_>,
     ) -> Result<Gradient>;

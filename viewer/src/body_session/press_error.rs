@@ -11,7 +11,7 @@ use web_time::Instant;
 
 /// Time for which the finger rests before the estimate starts.
 const REST: Duration = Duration::from_millis(400);
-/// Largest number of elements of the finer space: more take a minute and longer.
+/// Largest number of elements of the finer space: 126,000 take a minute.
 const MAX_ELEMENTS: usize = 30_000;
 
 /// The estimate of a press at one depth.
@@ -35,7 +35,7 @@ impl BodySession {
         if let Some(done) = own.task.as_ref().and_then(BackgroundTask::try_take) {
             own.task = None;
             own.found = Some(done.map_err(|why| match why {
-                Error::Solver { .. } => "the finer body has no equilibrium near this one".into(),
+                Error::Solver { .. } => "the body has no equilibrium near this one in the finer space; press less deep, or use a finer mesh".into(),
                 other => other.to_string(),
             }));
         }
