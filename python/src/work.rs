@@ -31,7 +31,8 @@ const MILLIMETRE: f64 = 1e-3;
 /// A long operation and its progress callback.
 pub struct LongTask {
     progress: Option<Py<PyAny>>,
-    looked: Mutex<Instant>,
+    /// When progress was last reported; `None` before the first time.
+    looked: Mutex<Option<Instant>>,
     /// Why it has to stop: Ctrl-C, or an exception raised by `progress`.
     ended: Mutex<Option<PyErr>>,
 }
@@ -40,7 +41,7 @@ impl LongTask {
     pub fn new(progress: Option<Py<PyAny>>) -> LongTask {
         LongTask {
             progress,
-            looked: Mutex::new(Instant::now()),
+            looked: Mutex::new(None),
             ended: Mutex::new(None),
         }
     }
@@ -48,10 +49,10 @@ impl LongTask {
     /// Checks for Python signals and reports the completed fraction. Returns whether to continue.
     pub fn should_continue(&self, what: &str, done: f64) -> bool {
         let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
-        if looked.elapsed() < INTERVAL && done < 1.0 {
+        if looked.is_some_and(|at| at.elapsed() < INTERVAL) && done < 1.0 {
             return true;
         }
-        *looked = Instant::now();
+        *looked = Some(Instant::now());
         drop(looked);
         let result = Python::attach(|py| {
             py.check_signals()?;

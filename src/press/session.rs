@@ -219,7 +219,11 @@ impl PressSession {
     pub fn next_depth(&self, goal: f64) -> f64 {
         let depth = self.depth().unwrap_or(goal);
         let radius = self.setup.radius;
-        depth + (goal - depth).clamp(-MAX_WITHDRAWAL * radius, MAX_ADVANCE * radius)
+        // Exactly `goal` within a step, so that equal goals have equal forces to the last digit.
+        goal.clamp(
+            depth - MAX_WITHDRAWAL * radius,
+            depth + MAX_ADVANCE * radius,
+        )
     }
 
     /// Takes the fingertip away from the body, at once. The curve is kept.
