@@ -4,7 +4,7 @@ use crate::gpu::Gpu;
 use crate::mesh::{ElementOrder, FinerSpace, PIECES, TetMesh};
 use crate::parallel;
 use crate::physics::{DiscreteModel, Engine, EngineChoice, SolverKind};
-use crate::scene::{Motion, NamedPins, OrderChoice, Scene};
+use crate::scene::{Motion, NamedPins, OrderChoice, PresentLoads, Scene};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
 
@@ -21,14 +21,13 @@ const STEP_IN_CROSSINGS: f64 = 1e4;
 /// Time step of a body of unknown stiffness, s.
 const STEP: f64 = 100.0;
 
-/// What a body of a scene is at rest, without its simulator: from it, bodies in the same
-/// configuration are created, on any thread.
+/// What a body of a scene is at one moment, without its simulator: from it, bodies under the loads of
+/// this moment are created, on any thread.
 #[derive(Clone, Debug)]
 pub(crate) struct RestBody {
     scene: Scene,
     mesh: TetMesh,
-    fixed: Vec<bool>,
-    pins: Vec<NamedPins>,
+    loads: PresentLoads,
     /// Time step at which inertia is negligible, s.
     pub quasi_static_step: f64,
 }
@@ -53,7 +52,8 @@ impl RestBody {
     /// Returns the body of `motion`, which simulates `scene`.
     ///
     /// # Errors
-    /// [`Error::Input`] for bodies that are not finite elements on tets.
+    /// [`Error::Input`] for bodies that are not finite elements on tets, and those that springs or free
+    /// tools hold.
     pub fn new(scene: &Scene, motion: &Motion) -> Result<RestBody> {
         let simulator = motion.simulator.as_ref();
         let of_elements = simulator.model().is_some_and(|m| m.elements().is_some());
@@ -64,10 +64,9 @@ impl RestBody {
             ));
         }
         Ok(RestBody {
-            scene: scene.clone(),
+            scene: scene.without_paths(),
             mesh: simulator.mesh().clone(),
-            fixed: simulator.loads().pinned().to_vec(),
-            pins: motion.pins.clone(),
+            loads: motion.present_loads()?,
             quasi_static_step: quasi_static_step(motion),
         })
     }
@@ -75,12 +74,13 @@ impl RestBody {
     /// Returns the body with its last pin at other corners of elements, and its nodes there.
     pub fn with_last_pin(mut self, corners: &[u32]) -> (RestBody, Vec<u32>) {
         let nodes = self.mesh.nodes_between(corners.to_vec());
-        if let Some(last) = self.pins.last_mut() {
+        let PresentLoads { fixed, pins, .. } = &mut self.loads;
+        if let Some(last) = pins.last_mut() {
             let before = std::mem::replace(&mut last.nodes, nodes.clone());
-            before.iter().for_each(|v| self.fixed[*v as usize] = false);
+            before.iter().for_each(|v| fixed[*v as usize] = false);
         }
-        for v in self.pins.iter().flat_map(|pin| &pin.nodes) {
-            self.fixed[*v as usize] = true;
+        for v in pins.iter().flat_map(|pin| &pin.nodes) {
+            fixed[*v as usize] = true;
         }
         (self, nodes)
     }
@@ -98,12 +98,20 @@ impl RestBody {
     /// Creates an equal body, which does not sleep.
     ///
     /// # Errors
-    /// As [`Motion::new`].
+    /// As [`Motion::new`]; [`Error::Input`] if the body has other loads than its scene.
     pub fn copy(&self, gpu: &Gpu) -> Result<Motion> {
-        let fixed = (0u32..).zip(&self.fixed).filter(|(_, is)| **is);
+        let loads = &self.loads;
+        let fixed = (0u32..).zip(&loads.fixed).filter(|(_, is)| **is);
         let fixed: Vec<u32> = fixed.map(|(v, _)| v).collect();
-        let scene = copy_of(&self.scene, self.mesh.order);
-        new_motion(gpu, &scene, self.mesh.clone(), (&fixed, self.pins.clone()))
+        let copy = self.held_motion(gpu, self.mesh.clone(), (&fixed, loads.pins.clone()))?;
+        // Forces are even tractions, so that those of the finer body follow from the scene only.
+        match copy.simulator.loads().forces() == loads.forces {
+            true => Ok(copy),
+            false => Err(Error::Input(
+                "the errors of a body are estimated with the forces of its scene, but others were set since"
+                    .into(),
+            )),
+        }
     }
 
     /// Creates the body in the finer space, fixed where this body is.
@@ -112,7 +120,7 @@ impl RestBody {
     /// As [`Motion::new`].
     pub fn finer(&self, gpu: &Gpu) -> Result<FinerBody> {
         let space = FinerSpace::new(&self.mesh)?;
-        let pins = self.pins.iter().map(|pin| {
+        let pins = self.loads.pins.iter().map(|pin| {
             let mut own = vec![false; self.mesh.nodes.len()];
             pin.nodes.iter().for_each(|v| own[*v as usize] = true);
             NamedPins {
@@ -120,10 +128,23 @@ impl RestBody {
                 nodes: space.fixed_nodes(&own),
             }
         });
-        let (fixed, pins) = (space.fixed_nodes(&self.fixed), pins.collect());
-        let scene = copy_of(&self.scene, ElementOrder::Quadratic);
-        let motion = new_motion(gpu, &scene, space.mesh.clone(), (&fixed, pins))?;
+        let (fixed, pins) = (space.fixed_nodes(&self.loads.fixed), pins.collect());
+        let motion = self.held_motion(gpu, space.mesh.clone(), (&fixed, pins))?;
         Ok(FinerBody { motion, space })
+    }
+
+    /// Creates a body of `mesh`, which does not sleep, under the loads of this moment.
+    fn held_motion(
+        &self,
+        gpu: &Gpu,
+        mesh: TetMesh,
+        fixed: (&[u32], Vec<NamedPins>),
+    ) -> Result<Motion> {
+        let scene = copy_of(&self.scene, mesh.order);
+        let (mut motion, _) = Motion::new(gpu, &scene, SolverKind::Implicit, mesh, None)?;
+        motion.set_sleep_allowed(false);
+        motion.hold_loads(&self.loads, fixed)?;
+        Ok(motion)
     }
 }
 
@@ -203,22 +224,6 @@ fn copy_of(scene: &Scene, order: ElementOrder) -> Scene {
     }
     copy.solver.engine = Some(EngineChoice::Exactly(Engine::Cpu));
     copy
-}
-
-/// Creates a body that is fixed at the nodes `fixed` only, among them `pins`.
-fn new_motion(
-    gpu: &Gpu,
-    scene: &Scene,
-    mesh: TetMesh,
-    (fixed, pins): (&[u32], Vec<NamedPins>),
-) -> Result<Motion> {
-    let (mut motion, _) = Motion::new(gpu, scene, SolverKind::Implicit, mesh, None)?;
-    motion.set_sleep_allowed(false);
-    motion.pins = pins;
-    let loads = motion.simulator.loads_mut();
-    loads.unpin_all();
-    loads.pin_nodes(fixed)?;
-    Ok(motion)
 }
 
 /// Starts `motion` at rest from `positions` and takes steps of `dt` seconds until the numbers that

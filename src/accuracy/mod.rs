@@ -29,8 +29,8 @@ const NEGLIGIBLE: f64 = 0.05;
 pub struct ErrorParts {
     /// Error of the mesh: the difference to the finer space, times a safety factor.
     pub mesh: f64,
-    /// Error of inertia and of the path: the difference to a solution that starts from the reported
-    /// one at rest.
+    /// Error of inertia and of the path: the difference to the equilibrium under the present loads, and
+    /// the amplitude that the kinetic energy allows.
     pub time: f64,
     /// Error of Newton's method: the last change when its iterations are continued.
     pub solver: f64,

@@ -36,7 +36,7 @@ pub struct SimulateArguments {
     /// tools as CSV, one line each per frame
     #[arg(long, value_name = "FILE.csv")]
     reactions: Option<PathBuf>,
-    /// Do not estimate the errors of the reactions of a body at rest in the last frame
+    /// Do not estimate the errors of the reactions in the last frame
     #[arg(long)]
     no_error: bool,
     /// Resume an interrupted run in the same folder, or extend it by more frames
@@ -237,7 +237,7 @@ fn start_reactions(
     }
 }
 
-/// Estimates the errors of the reactions of a body at rest, and adds them to the last frame of `log`.
+/// Estimates the errors of the reactions, and adds them to the last frame of `log`.
 /// Returns notes: the forces with their errors, or why there are none.
 fn estimate_errors(log: &mut ReactionLog, stage: &mut Stage) -> palpate::Result<Vec<String>> {
     let found = progress::with_stages(|progress| RestErrors::estimate(stage, progress))?;
@@ -249,9 +249,12 @@ fn estimate_errors(log: &mut ReactionLog, stage: &mut Stage) -> palpate::Result<
     let totals = totals.map(|force| (force.name.clone(), force.error_n.total()));
     log.set_errors(&totals.collect::<Vec<_>>())?;
     let note = |force: &ForceError| {
-        let parts = force.error_n.in_words();
         let size = force.error_n.around(force.force_n, "N");
-        format!("force on {} at the end: {size} ({parts})", force.name)
+        let parts = match force.error_n.in_words() {
+            parts if parts.is_empty() => parts,
+            parts => format!(" ({parts})"),
+        };
+        format!("force on {} at the end: {size}{parts}", force.name)
     };
     Ok(errors.forces.iter().map(note).collect())
 }

@@ -24,7 +24,6 @@ pub use session::PressSession;
 pub use setup::PressSetup;
 pub use site::PressSite;
 pub(crate) use validity::curve_warnings;
-pub use validity::in_pieces;
 
 use crate::accuracy::{RestBody, error_stage, with_error_field};
 use crate::gpu::Gpu;

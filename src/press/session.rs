@@ -51,6 +51,8 @@ struct Contact {
     warnings: Vec<String>,
     /// Whether the faces there are larger than the fingertip.
     is_coarse: bool,
+    /// Whether the body is in pieces that pass through each other.
+    is_in_pieces: bool,
 }
 
 impl PressSession {
@@ -94,6 +96,7 @@ impl PressSession {
         site: PressSite,
     ) -> Result<()> {
         let radius = self.setup.radius;
+        let pieces = self.setup.pieces_warning(motion.simulator.mesh());
         let contact = Contact {
             site,
             touch: boundary.first_touch(&site, radius),
@@ -102,7 +105,8 @@ impl PressSession {
             poisson: boundary
                 .tet_at(site.point)
                 .and_then(|t| poisson_of_tet(motion, t)),
-            warnings: body_warnings(motion.simulator.mesh(), boundary, &site, radius),
+            warnings: body_warnings(boundary, &site, radius, pieces.clone()),
+            is_in_pieces: pieces.is_some(),
             is_coarse: radius < boundary.edge_near(site.point, radius),
         };
         motion.teleport_tool(self.setup.tool, contact.place(contact.depth))?;
@@ -333,7 +337,9 @@ impl PressSession {
         let contact = self.contact.as_ref()?;
         let curve = self.samples.iter().map(|s| [s.depth_m, s.force_n]);
         let coarse = contact.is_coarse.then_some(ContactProblem::CoarseFaces);
-        let problem = contact_problem(&curve.collect::<Vec<_>>()).or(coarse);
+        let pieces = contact.is_in_pieces.then_some(ContactProblem::Pieces);
+        let problem = contact_problem(&curve.collect::<Vec<_>>());
+        let problem = problem.or(coarse).or(pieces);
         problem.map(|problem| problem.to_string())
     }
 }

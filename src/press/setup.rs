@@ -2,6 +2,7 @@
 
 use super::site::PressSite;
 use super::support_table::Table;
+use super::validity::in_pieces;
 use crate::mesh::{TetMesh, Topology};
 use crate::number_format::significant;
 use crate::physics::{Engine, EngineChoice, SolverKind};
@@ -102,6 +103,14 @@ impl PressSetup {
             parking,
             table,
             quasi_static,
+        }
+    }
+
+    /// Returns a warning if the body of `mesh` is in several pieces without contact.
+    pub fn pieces_warning(&self, mesh: &TetMesh) -> Option<String> {
+        match self.scene.contact {
+            Some(_) => None,
+            None => in_pieces(mesh),
         }
     }
 

@@ -125,6 +125,8 @@ pub(crate) enum ContactProblem {
     Jump,
     /// The fingertip is smaller than the faces beneath it.
     CoarseFaces,
+    /// The body is in pieces that pass through each other.
+    Pieces,
 }
 
 impl fmt::Display for ContactProblem {
@@ -141,6 +143,9 @@ impl fmt::Display for ContactProblem {
             }
             ContactProblem::CoarseFaces => {
                 "force not valid: the finger is smaller than the faces beneath it; use a larger finger or a finer mesh"
+            }
+            ContactProblem::Pieces => {
+                "force not valid: the body is in pieces that pass through each other; open one of them, join them in the mesh, or add [contact] to the scene"
             }
         })
     }
@@ -169,13 +174,13 @@ pub(crate) fn contact_problem(samples: &[[f64; 2]]) -> Option<ContactProblem> {
         .then_some(ContactProblem::Jump)
 }
 
-/// Returns why a press on `mesh` at `site` with a fingertip of `radius` cannot be measured, one
-/// sentence each.
+/// Returns why a press at `site` with a fingertip of `radius` cannot be measured, one sentence each, with
+/// that about the `pieces` of the body.
 pub(super) fn body_warnings(
-    mesh: &TetMesh,
     boundary: &Boundary,
     site: &PressSite,
     radius: f64,
+    pieces: Option<String>,
 ) -> Vec<String> {
     let edge = boundary.edge_near(site.point, radius);
     let small = (radius < edge).then(|| {
@@ -186,11 +191,11 @@ pub(super) fn body_warnings(
             significant(edge)
         )
     });
-    in_pieces(mesh).into_iter().chain(small).collect()
+    pieces.into_iter().chain(small).collect()
 }
 
 /// Returns a warning if the tets of `mesh` form several pieces without common nodes.
-pub fn in_pieces(mesh: &TetMesh) -> Option<String> {
+pub(super) fn in_pieces(mesh: &TetMesh) -> Option<String> {
     let mut groups = DisjointSets::new(mesh.nodes.len());
     for [a, b, c, d] in &mesh.tets {
         [b, c, d].into_iter().for_each(|v| groups.union(*a, *v));
@@ -200,7 +205,7 @@ pub fn in_pieces(mesh: &TetMesh) -> Option<String> {
     roots.dedup();
     (roots.len() > 1).then(|| {
         format!(
-            "the body is in {} pieces that pass through each other; press one of them, or join them in the mesh",
+            "the body is in {} pieces that pass through each other; press one of them, join them in the mesh, or add [contact] to the scene",
             roots.len()
         )
     })

@@ -29,9 +29,10 @@ impl ActiveGrab {
         })
     }
 
-    /// Returns its name, if it has one.
-    pub fn name(&self) -> Option<&str> {
-        self.entry.name.as_deref()
+    /// Returns its name, or one from its number, counted from 0.
+    pub fn name_or_number(&self, number: usize) -> String {
+        let name = self.entry.name.clone();
+        name.unwrap_or_else(|| format!("grab{}", number + 1))
     }
 
     /// Returns the acceleration of its target over the step of length `dt` that ended at `time`, in

@@ -219,8 +219,6 @@ impl Motion {
             all.push((scheduled_motion.name.clone(), reaction));
         }
         for (i, attachment) in self.attachments.iter().enumerate() {
-            let name = attachment.name().map(str::to_owned);
-            let name = name.unwrap_or_else(|| format!("grab{}", i + 1));
             let reaction = match attachment.grab {
                 None => Reaction::default(),
                 Some(grab) => {
@@ -228,7 +226,7 @@ impl Motion {
                     forces.reaction_on_grab(body, grab, acceleration)?
                 }
             };
-            all.push((name, reaction));
+            all.push((attachment.name_or_number(i), reaction));
         }
         all.extend(of_tools);
         Ok(all)

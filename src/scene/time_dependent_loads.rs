@@ -19,7 +19,8 @@ const MIN_FACING_COSINE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 pub(super) struct TimeDependentLoads {
     pub scheduled_motions: Vec<ScheduledMotion>,
     pub tools: Vec<ToolTrajectory>,
-    levels: Vec<(AmplitudeId, TimeSeries)>,
+    /// The amplitudes of pressures and muscles.
+    pub levels: Vec<(AmplitudeId, TimeSeries)>,
 }
 
 /// Nodes with prescribed displacement along a path.

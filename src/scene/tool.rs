@@ -39,6 +39,11 @@ impl ToolTrajectory {
         ToolPose::new(self.at + moved, turned * self.turn)
     }
 
+    /// Removes its trajectory.
+    pub fn stop(&mut self) {
+        self.trajectory = RigidTrajectory::default();
+    }
+
     /// Whether it moves at all.
     pub fn moves(&self) -> bool {
         self.trajectory.is_moving()

@@ -84,7 +84,7 @@ pub(super) fn position_at(path: &[[f64; 4]], time: f64) -> DVec3 {
 }
 
 /// Translation and rotation over time.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct RigidTrajectory {
     path: Vec<[f64; 4]>,
     turn: Vec<[f64; 2]>,

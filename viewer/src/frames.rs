@@ -7,7 +7,6 @@ use crate::device::lock;
 use crate::loading::{Loading, live_tasks};
 use crate::log::{self, Frame, FrameLog, memory_mb};
 use eframe::egui;
-use palpate::accuracy::ErrorParts;
 use palpate::gpu::Gpu;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -210,7 +209,10 @@ impl App {
             force_n: show.and_then(BodySession::force),
             force_error_n: show
                 .and_then(|s| s.press_error()?.ok())
-                .map(ErrorParts::total),
+                .map(|error| error.parts.total()),
+            force_error_is_estimated: show
+                .and_then(|s| s.press_error()?.ok())
+                .map(|error| !error.is_of_another_depth),
             depth_m: show.and_then(|s| s.samples().last().map(|s| s.depth_m)),
             memory_mb: memory_mb(),
             readbacks: self.gpu.readbacks(),

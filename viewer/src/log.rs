@@ -42,6 +42,8 @@ pub struct Frame {
     pub force_n: Option<f64>,
     /// Its error, N, once it is estimated.
     pub force_error_n: Option<f64>,
+    /// Whether that error was estimated at this depth.
+    pub force_error_is_estimated: Option<bool>,
     /// Indentation depth of a press, m.
     pub depth_m: Option<f64>,
     /// Memory of the process, MB, if the system reports it.

@@ -124,7 +124,7 @@ impl App {
         {
             let depth = rounded(1e3 * sample.depth_m, 4);
             let said = match show.press_error() {
-                Some(Ok(error)) => format!("{} at {depth} mm", error.around(force, "N")),
+                Some(Ok(error)) => format!("{} at {depth} mm", error.parts.around(force, "N")),
                 _ => format!("{} N at {depth} mm", rounded(force, 4)),
             };
             let at = area.rect.left_top() + egui::vec2(14.0, 12.0);
@@ -176,9 +176,15 @@ impl App {
 
 /// Returns what is known about the error of the force of a press, besides its size.
 fn error_note(show: &BodySession) -> Option<String> {
+    if show.is_estimating() {
+        return Some("estimating the error…".into());
+    }
     match show.press_error() {
-        Some(Ok(error)) => Some(format!("error: {} N", error.in_words())),
+        Some(Ok(error)) if error.is_of_another_depth => {
+            Some("relative error of another depth; rest to estimate that of this one".into())
+        }
+        Some(Ok(error)) => Some(format!("error: {} N", error.parts.in_words())),
         Some(Err(why)) => Some(format!("error unknown: {why}")),
-        None => show.is_estimating().then(|| "estimating the error…".into()),
+        None => None,
     }
 }

@@ -10,7 +10,7 @@ mod tools;
 
 use super::AmplitudeId;
 use super::contact::ToolPose;
-use super::loads::grab::{GrabId, GrabMode, Grabs};
+use super::loads::grab::{Grab, GrabId, GrabMode, Grabs};
 use super::loads::prescribed_motion::PrescribedMotion;
 use super::loads::reactions::GrabbedNode;
 use crate::mesh::{LocalFrame, TetCut};
@@ -246,6 +246,12 @@ impl Loads {
         Ok(nodes)
     }
 
+    /// Whether springs hold nodes.
+    pub(crate) fn has_spring_grabs(&self) -> bool {
+        let is_spring = |grab: &Grab| grab.grip != GrabMode::Follow;
+        self.grabs.iter().any(is_spring)
+    }
+
     fn grabs_changed(&mut self) {
         self.versions.grabs += 1;
         self.versions.constraints += 1;
@@ -260,7 +266,7 @@ impl Loads {
         AmplitudeId(self.levels.len() - 1)
     }
 
-    pub(super) fn amplitudes(&self) -> &[f64] {
+    pub(crate) fn amplitudes(&self) -> &[f64] {
         &self.levels
     }
 
@@ -287,7 +293,7 @@ impl Loads {
     }
 
     /// Whether the position of each node is given: pinned, moved, or held exactly by a grab.
-    pub(super) fn fixed_nodes(&self) -> Vec<bool> {
+    pub(crate) fn fixed_nodes(&self) -> Vec<bool> {
         let mut fixed = self.pinned.clone();
         let moved = self
             .prescribed_motions

@@ -4,10 +4,10 @@ mod finger;
 mod grid;
 mod picture;
 
+use super::DEPTH;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::support_table::Table;
-use super::{DEPTH, validity};
 use crate::accuracy::ErrorParts;
 use crate::gpu::Gpu;
 use crate::mesh::Topology;
@@ -179,10 +179,10 @@ impl PressMap {
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         wanted.check()?;
         let mesh = scene.load_simulated_mesh(&no_progress)?;
-        if let Some(pieces) = validity::in_pieces(&mesh) {
+        let setup = PressSetup::on_table(scene, &mesh, wanted.radius)?;
+        if let Some(pieces) = setup.pieces_warning(&mesh) {
             return Err(Error::Input(pieces));
         }
-        let setup = PressSetup::on_table(scene, &mesh, wanted.radius)?;
         let table = setup.table.as_ref().ok_or_else(|| {
             Error::Input("a map needs a body on a table, which this scene does not allow".into())
         })?;

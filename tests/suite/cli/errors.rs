@@ -72,7 +72,7 @@ fn reactions_at_rest_have_errors_in_last_frame() {
     std::fs::write(&scene, moving).unwrap();
     let (notes, _) = run(&[]);
     assert!(
-        notes.contains("no errors of the reactions: the body is in motion"),
+        notes.contains("no errors of the reactions: the body is in fast motion"),
         "{notes}"
     );
 }
@@ -130,7 +130,7 @@ fn error_field_shows_coarse_places() {
     ]));
     let said = failure(&render(&["--dt", "0.001"]));
     assert!(
-        said.contains("no error to draw: the body is in motion"),
+        said.contains("no error to draw: the body is in fast motion"),
         "{said}"
     );
     let still = here.join("still.toml");

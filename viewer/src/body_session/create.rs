@@ -5,7 +5,7 @@ use crate::body_edits::BodyEditHistory;
 use palpate::Result;
 use palpate::gpu::Gpu;
 use palpate::mesh::{TetMesh, Topology};
-use palpate::press::{InteractiveStage, PressSession, PressSite, in_pieces};
+use palpate::press::{InteractiveStage, PressSession, PressSite};
 use palpate::scene::{Motion, Scene, Stage};
 use std::sync::Arc;
 use web_time::Instant;
@@ -73,7 +73,8 @@ impl BodySession {
                 radius.unwrap_or_else(|| PressSite::default_radius(&mesh, &Topology::new(&mesh)))
             }
         };
-        let pieces = fingertip.is_ok().then(|| in_pieces(&mesh)).flatten();
+        let setup = fingertip.as_ref().ok().map(PressSession::setup);
+        let pieces = setup.and_then(|setup| setup.pieces_warning(&mesh));
         let press_notes = fingertip
             .as_ref()
             .map_or_else(|_| Vec::new(), PressSession::notes);

@@ -21,6 +21,7 @@ use palpate::render::{Camera, Pick};
 use palpate::scene::{PendingImage, Scene, SkinEntry, Stage};
 use palpate::{Error, Result};
 use press::Press;
+pub use press_error::PressError;
 use press_error::PressErrorEstimate;
 use std::sync::Arc;
 use web_time::Instant;

@@ -42,6 +42,7 @@ impl BodySession {
         session.touch(&mut self.stage, pick.point)?;
         self.failed = false;
         self.stirred = true;
+        self.press_error = super::PressErrorEstimate::default();
         self.press = Some(Press {
             target: 0.0,
             previous: session.depth().unwrap_or(0.0),
@@ -225,6 +226,27 @@ mod tests {
     use palpate::scene::Scene;
     use std::sync::Arc;
 
+    /// Takes a step and measures.
+    fn step(window: &mut BodySession) -> Result<()> {
+        window.step()?;
+        while window.stage_mut().poll_steps()? {
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        window.settle()
+    }
+
+    fn pick_at(point: DVec3) -> Pick {
+        Pick {
+            node: 0,
+            tet: 0,
+            face: 0,
+            nodes: [0; 3],
+            weights: [0.0; 3],
+            point,
+            distance: 0.0,
+        }
+    }
+
     /// Bodies on which the command, the window and the Python package must agree; the Python tests
     /// have the same list.
     const BODIES: [(&str, u32); 4] = [
@@ -233,6 +255,27 @@ mod tests {
         ("breast", 4000),
         ("limb", 4000),
     ];
+
+    /// The pieces of the knee pass through each other, and it snaps: no force of a press on it goes
+    /// unmarked.
+    #[test]
+    fn press_on_knee_is_marked() {
+        let gpu = Gpu::new().unwrap();
+        let document = crate::examples::Example::named("knee").unwrap().open();
+        let scene = document.unwrap().scene().unwrap();
+        let mesh = Arc::new(scene.load_mesh(&no_progress).unwrap());
+        let mut window = BodySession::new(&gpu, &scene, mesh, None).unwrap();
+        let point = DVec3::new(26.5, 19.3, 0.5);
+        window.press(&pick_at(point)).unwrap();
+        window.press_to(4.0);
+        let mut marked = 0;
+        // A step that would invert tets is refused.
+        while marked < 20 && step(&mut window).is_ok() {
+            assert!(window.press_warning().is_some(), "{:?}", window.force());
+            marked += 1;
+        }
+        assert!(marked > 4, "{marked}");
+    }
 
     #[test]
     fn window_measures_force_of_command() {
@@ -262,23 +305,10 @@ mod tests {
             }
             let mut window = BodySession::new(&gpu, &scene, Arc::new(mesh), None).unwrap();
             assert_eq!(window.radius, radius);
-            let pick = Pick {
-                node: 0,
-                tet: 0,
-                face: 0,
-                nodes: [0; 3],
-                weights: [0.0; 3],
-                point,
-                distance: 0.0,
-            };
-            window.press(&pick).unwrap();
+            window.press(&pick_at(point)).unwrap();
             for sample in command.samples() {
                 window.press_to(sample.depth_m / window.unit);
-                window.step().unwrap();
-                while window.stage_mut().poll_steps().unwrap() {
-                    std::thread::sleep(std::time::Duration::from_millis(1));
-                }
-                window.settle().unwrap();
+                step(&mut window).unwrap();
             }
             let (theirs, ours) = (command.samples(), window.samples());
             assert_eq!(theirs.len(), ours.len());

@@ -1,4 +1,5 @@
-//! The error of the force of a press that rests, estimated on a background thread.
+//! The error of the force of a press, estimated on a background thread while the finger rests. A finger
+//! that moves has the relative error of the nearest depth at which it rested.
 
 use super::BodySession;
 use crate::loading::BackgroundTask;
@@ -6,6 +7,7 @@ use eframe::egui;
 use palpate::Error;
 use palpate::accuracy::ErrorParts;
 use palpate::gpu::Gpu;
+use palpate::press::PressSample;
 use std::time::Duration;
 use web_time::Instant;
 
@@ -14,32 +16,57 @@ const REST: Duration = Duration::from_millis(400);
 /// Largest number of elements of the finer space: 126,000 take a minute.
 const MAX_ELEMENTS: usize = 30_000;
 
-/// The estimate of a press at one depth.
+/// The estimates of a press at one site.
 #[derive(Default)]
 pub(super) struct PressErrorEstimate {
     rests_since: Option<Instant>,
+    /// The sample whose error is being estimated, or was.
+    sample: Option<PressSample>,
     task: Option<BackgroundTask<ErrorParts>>,
-    /// The parts of the error, or why there are none.
-    found: Option<std::result::Result<ErrorParts, String>>,
+    /// Why there is no error of that sample.
+    failed: Option<String>,
+    /// The samples with known errors.
+    known: Vec<(PressSample, ErrorParts)>,
+}
+
+/// The error of the present force of a press.
+pub struct PressError {
+    /// Its parts, N.
+    pub parts: ErrorParts,
+    /// Whether the finger has another depth than at the estimate, whose relative error this is.
+    pub is_of_another_depth: bool,
 }
 
 impl BodySession {
     /// Starts the estimate of a press that rests, takes its result, and cancels that of one that moves.
     pub fn update_press_error(&mut self, gpu: &Gpu, context: &egui::Context) {
-        let pressed = self.force().is_some_and(|force| force > 0.0);
-        if self.finger_moves() || !pressed || self.press_warning().is_some() {
+        let pressed = self.samples().last().filter(|s| s.force_n > 0.0).copied();
+        let pressed = pressed.filter(|_| self.force().is_some() && self.press_warning().is_none());
+        let Some(sample) = pressed else {
             self.press_error = PressErrorEstimate::default();
             return;
-        }
+        };
+        let moves = self.finger_moves();
         let own = &mut self.press_error;
+        if moves || own.sample.is_some_and(|last| last != sample) {
+            let known = std::mem::take(&mut own.known);
+            *own = PressErrorEstimate {
+                known,
+                ..PressErrorEstimate::default()
+            };
+            if moves {
+                return;
+            }
+        }
         if let Some(done) = own.task.as_ref().and_then(BackgroundTask::try_take) {
             own.task = None;
-            own.found = Some(done.map_err(|why| match why {
-                Error::Solver { .. } => "the body has no equilibrium near this one in the finer space; press less deep, or use a finer mesh".into(),
-                other => other.to_string(),
-            }));
+            match done {
+                Ok(parts) => own.known.push((sample, parts)),
+                Err(Error::Solver { .. }) => own.failed = Some("the body has no equilibrium near this one in the finer space; press less deep, or use a finer mesh".into()),
+                Err(other) => own.failed = Some(other.to_string()),
+            }
         }
-        if own.task.is_some() || own.found.is_some() {
+        if own.sample.is_some() {
             return;
         }
         let rests = own.rests_since.get_or_insert_with(Instant::now).elapsed();
@@ -51,6 +78,7 @@ impl BodySession {
         let (Ok(session), Some(motion)) = (&self.fingertip, self.stage.motion()) else {
             return;
         };
+        self.press_error.sample = Some(sample);
         match session.error_estimate(motion, MAX_ELEMENTS) {
             Ok(estimate) => {
                 let gpu = gpu.clone();
@@ -58,15 +86,30 @@ impl BodySession {
                 let task = BackgroundTask::spawn("estimating the error", context, work);
                 self.press_error.task = Some(task);
             }
-            Err(why) => self.press_error.found = Some(Err(why.to_string())),
+            Err(why) => self.press_error.failed = Some(why.to_string()),
         }
     }
 
-    /// Returns the parts of the error of the force of a press that rests, N, or why there are none;
-    /// `None` before.
-    pub fn press_error(&self) -> Option<std::result::Result<&ErrorParts, &str>> {
-        let found = self.press_error.found.as_ref()?;
-        Some(found.as_ref().map_err(String::as_str))
+    /// Returns the error of the force of a press, or why it has none; `None` before the first estimate.
+    pub fn press_error(&self) -> Option<std::result::Result<PressError, &str>> {
+        if let Some(why) = &self.press_error.failed {
+            return Some(Err(why));
+        }
+        let now = self.samples().last()?;
+        let off = |sample: &PressSample| (sample.depth_m - now.depth_m).abs();
+        let known = self.press_error.known.iter();
+        let (sample, parts) = known.min_by(|(a, _), (b, _)| off(a).total_cmp(&off(b)))?;
+        let scale = now.force_n / sample.force_n;
+        Some(Ok(PressError {
+            parts: ErrorParts {
+                mesh: scale * parts.mesh,
+                time: scale * parts.time,
+                solver: scale * parts.solver,
+                contact: scale * parts.contact,
+                support: scale * parts.support,
+            },
+            is_of_another_depth: sample != now,
+        }))
     }
 
     /// Whether the error is being estimated.
