@@ -190,33 +190,6 @@ fn mesh_rejects_invalid_input_with_advice() {
     refused(&[&knee, "--edge", "900"], "decrease the edge length");
 }
 
-#[test]
-#[ignore = "long: scripts/test --full"]
-fn scene_meshes_its_volume() {
-    let folder = folder("mesh_scenes");
-    for scene in ["knee", "head_ct", "head_mri", "lobe"] {
-        let picture = folder.join(format!("{scene}.png"));
-        stdout(&palpate(&[
-            "render",
-            &shipped(&format!("scenes/{scene}.toml")),
-            "--tets",
-            "12000",
-            "--steps",
-            "1",
-            "--size",
-            "120x120",
-            "--out",
-            text(&picture),
-        ]));
-        let pixels = image::open(&picture).unwrap().to_rgb8();
-        let seen = pixels
-            .pixels()
-            .filter(|p| p.0.iter().any(|c| *c > 40))
-            .count();
-        assert!(seen > 1000, "{scene}: {seen} pixels show anything");
-    }
-}
-
 /// Returns the range of a field of a mesh.
 fn field_range(path: &Path, name: &str) -> (f64, f64) {
     let mesh = palpate::io::read(path).unwrap();
