@@ -97,7 +97,8 @@ impl BodySession {
         }
         let now = self.samples().last()?;
         let off = |sample: &PressSample| (sample.depth_m - now.depth_m).abs();
-        let known = self.press_error.known.iter();
+        // Of two at the same depth the later one.
+        let known = self.press_error.known.iter().rev();
         let (sample, parts) = known.min_by(|(a, _), (b, _)| off(a).total_cmp(&off(b)))?;
         let scale = now.force_n / sample.force_n;
         Some(Ok(PressError {
