@@ -108,7 +108,7 @@ impl RestBody {
         match copy.simulator.loads().forces() == loads.forces {
             true => Ok(copy),
             false => Err(Error::Input(
-                "the errors of a body are estimated with the forces of its scene, but others were set since"
+                "the errors of a body are estimated with the forces of its scene, but others were set since; add them to the scene ([[force]])"
                     .into(),
             )),
         }

@@ -47,6 +47,17 @@ impl ErrorParts {
         self.mesh + self.time + self.solver + self.contact + self.support
     }
 
+    /// Returns these parts times `factor`.
+    pub fn scaled(&self, factor: f64) -> ErrorParts {
+        ErrorParts {
+            mesh: factor * self.mesh,
+            time: factor * self.time,
+            solver: factor * self.solver,
+            contact: factor * self.contact,
+            support: factor * self.support,
+        }
+    }
+
     /// Formats a number in `unit` with this error, without the digits beyond it: `0.262 N ± 0.006`.
     pub fn around(&self, x: f64, unit: &str) -> String {
         let [x, error] = with_error(x, self.total());

@@ -15,6 +15,9 @@ use palpate::scene::{Checkpoint, FieldRanges, Motion, PlannedRun, ReactionLog, S
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
+/// Forces up to this one are rounding, N.
+const ROUNDING: f64 = 1e-9;
+
 /// Arguments of `simulate`.
 #[derive(Args)]
 pub struct SimulateArguments {
@@ -254,7 +257,12 @@ fn estimate_errors(log: &mut ReactionLog, stage: &mut Stage) -> palpate::Result<
             parts if parts.is_empty() => parts,
             parts => format!(" ({parts})"),
         };
-        format!("force on {} at the end: {size}{parts}", force.name)
+        let is_unknown = force.force_n > ROUNDING && force.error_n.mesh > force.force_n;
+        let advice = match is_unknown {
+            true => "; the mesh is too coarse for it: use a finer mesh (--tets) or --order 2",
+            false => "",
+        };
+        format!("force on {} at the end: {size}{parts}{advice}", force.name)
     };
     Ok(errors.forces.iter().map(note).collect())
 }

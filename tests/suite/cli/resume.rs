@@ -128,7 +128,7 @@ impl Dice {
 fn comes(file: &Path, child: &mut Child) -> bool {
     let patience = Instant::now();
     while !file.exists() {
-        assert!(patience.elapsed() < Duration::from_secs(300), "{file:?}");
+        assert!(patience.elapsed() < Duration::from_secs(600), "{file:?}");
         if child.try_wait().unwrap().is_some() {
             return file.exists();
         }

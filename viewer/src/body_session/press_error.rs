@@ -100,15 +100,8 @@ impl BodySession {
         // Of two at the same depth the later one.
         let known = self.press_error.known.iter().rev();
         let (sample, parts) = known.min_by(|(a, _), (b, _)| off(a).total_cmp(&off(b)))?;
-        let scale = now.force_n / sample.force_n;
         Some(Ok(PressError {
-            parts: ErrorParts {
-                mesh: scale * parts.mesh,
-                time: scale * parts.time,
-                solver: scale * parts.solver,
-                contact: scale * parts.contact,
-                support: scale * parts.support,
-            },
+            parts: parts.scaled(now.force_n / sample.force_n),
             is_of_another_depth: sample != now,
         }))
     }

@@ -290,16 +290,15 @@ fn resting_press_has_an_error() {
         "{found} of {force}"
     );
     window.to([410, 394]);
-    // Meanwhile it has the same error relative to the force.
-    let moved = window.wait("another depth", |frame| {
-        frame["depth_m"].as_f64() > rested["depth_m"].as_f64()
+    let is_deeper = |frame: &Value| frame["depth_m"].as_f64() > rested["depth_m"].as_f64();
+    window.wait("its error", |frame| {
+        is_deeper(frame) && frame["force_error_is_estimated"] == true
     });
+    // Until then it has the same error relative to the force.
+    let moved = window.logged(is_deeper).unwrap();
     assert_eq!(moved["force_error_is_estimated"], false);
     let expected = found / force * moved["force_n"].as_f64().unwrap();
     assert!((error(&moved).unwrap() / expected - 1.0).abs() < 1e-9);
-    window.wait("its error", |frame| {
-        frame["force_error_is_estimated"] == true
-    });
     window.let_go();
     window.wait("the end of the press", |frame| error(frame).is_none());
 }

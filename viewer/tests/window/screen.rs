@@ -161,6 +161,12 @@ impl Window {
         Some([number("allocations")?, number("device_bytes")?])
     }
 
+    /// Returns the first frame of the log that satisfies `is`.
+    pub fn logged(&self, is: impl Fn(&Value) -> bool) -> Option<Value> {
+        let log = self.read_log();
+        log.frames.iter().find(|frame| is(frame)).cloned()
+    }
+
     /// Waits for a frame that satisfies `is`: the last one or a later one.
     pub fn wait(&mut self, what: &str, is: impl Fn(&Value) -> bool) -> Value {
         let since = Instant::now();
