@@ -20,27 +20,21 @@ distributed = pytest.importorskip("distributed")
 WORKERS, PATIENCE = 4, 600
 
 
-@pytest.fixture(scope="module")
-def cluster():
+@pytest.fixture
+def client():
+    # Each test has its own workers, since the one it kills may never be replaced.
     import dask
 
     patient = {f"distributed.comm.timeouts.{name}": f"{PATIENCE}s" for name in ("connect", "tcp")}
     with dask.config.set(patient), distributed.LocalCluster(
         n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster, distributed.Client(cluster, timeout=PATIENCE) as client:
+        client.wait_for_workers(WORKERS, timeout=PATIENCE)
         yield client
-
-
-@pytest.fixture
-def client(cluster):
-    # One that the test before killed may be coming up again.
-    cluster.wait_for_workers(WORKERS, timeout=PATIENCE)
-    return cluster
 
 
 def kill_one(client) -> None:
     """Kills a worker, preferably one that is processing a task."""
-    client.wait_for_workers(WORKERS, timeout=PATIENCE)
     tasks = client.processing()
     worker = max(tasks, key=lambda worker: len(tasks[worker]))
     os.kill(client.run(os.getpid, workers=[worker])[worker], signal.SIGKILL)
