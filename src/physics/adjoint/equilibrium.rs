@@ -29,6 +29,8 @@ pub(super) struct Equilibrium<'a> {
     /// Muscles with their activations.
     pub muscles: Vec<(&'a Muscle, f64)>,
     pub has_self_contact: bool,
+    /// Coefficient of friction of self-contact.
+    pub self_friction: f64,
     /// Number of amplitudes.
     pub amplitudes: usize,
     pub gravity: DVec3,
@@ -106,6 +108,11 @@ impl Equilibrium<'_> {
                 "node {v} is not a support; give nodes that are pinned or held"
             ))),
         }
+    }
+
+    /// Whether tools or self-contact have friction.
+    pub fn has_friction(&self) -> bool {
+        self.self_friction > 0.0 || self.tools.iter().any(|tool| tool.friction > 0.0)
     }
 
     /// Checks that the tool exists.

@@ -10,7 +10,7 @@ use super::quantities::prepare;
 use crate::physics::cpu::{
     AdjointSeed, MotionAdjoint, MotionState, StateAdjoint, StepFailure, StepParts,
 };
-use crate::physics::{Gradient, Parameter, Quantity, StepRecord};
+use crate::physics::{Gradient, Parameter, Quantity, SolverKind, StepRecord};
 use crate::progress::{ProgressFn, ProgressScope};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -44,6 +44,7 @@ pub(super) struct MotionTask<'a> {
     pub steps: u32,
     /// Length of a step, s.
     pub dt: f64,
+    pub scheme: SolverKind,
     pub quantity: &'a MotionQuantity,
     pub parameters: &'a [Parameter],
     /// Bytes of the states that are kept.
@@ -131,9 +132,11 @@ fn check_task(body: &Equilibrium<'_>, task: &MotionTask<'_>) -> Result<()> {
     }
     let quantity = task.quantity.at_one_time();
     match quantity {
-        Quantity::PinReaction { .. } if is_damped => {
+        Quantity::PinReaction { .. } | Quantity::RegionForce { .. }
+            if is_damped || body.has_friction() =>
+        {
             return Err(Error::Input(
-                "there is no gradient of the reaction of supports in a motion with stiffness-proportional damping; set damping to 0".into(),
+                "there is no gradient of the force on supports or rigid regions in a motion with stiffness-proportional damping or friction; set damping and friction to 0".into(),
             ));
         }
         // A body that has not moved yet has none.
@@ -142,6 +145,7 @@ fn check_task(body: &Equilibrium<'_>, task: &MotionTask<'_>) -> Result<()> {
     }
     for parameter in task.parameters {
         body.check_parameter(parameter)?;
+        check_rigid(body, task.scheme, parameter)?;
         if is_damped && matches!(parameter, Parameter::RestPosition { .. }) {
             return Err(Error::Input(
                 "there is no derivative by rest positions of a motion with stiffness-proportional damping; set damping to 0".into(),
@@ -149,6 +153,36 @@ fn check_task(body: &Equilibrium<'_>, task: &MotionTask<'_>) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Checks that a parameter is none of those that rigid regions have no derivatives by.
+fn check_rigid(body: &Equilibrium<'_>, scheme: SolverKind, parameter: &Parameter) -> Result<()> {
+    let is_midpoint = scheme == SolverKind::Midpoint;
+    let masses = |tets: &mut dyn Iterator<Item = u32>| {
+        let mut nodes = tets.flat_map(|t| body.mesh.tets[t as usize]);
+        match nodes.any(|v| body.is_rigid(v)) {
+            false => Ok(()),
+            true => Err(Error::Input(
+                "a motion by the midpoint rule has no derivative by the masses of rigid regions; use implicit or bdf2, or tets and nodes that no rigid region is adjacent to".into(),
+            )),
+        }
+    };
+    match parameter {
+        Parameter::InitialPosition { node, .. } | Parameter::InitialVelocity { node, .. }
+            if body.is_rigid(*node) =>
+        {
+            Err(Error::Input(format!(
+                "node {node} belongs to a rigid region, which begins in the pose and with the momentum that fit all of its nodes; choose a node of the soft tissue"
+            )))
+        }
+        Parameter::Density { tets } if is_midpoint => masses(&mut tets.iter().copied()),
+        Parameter::RestPosition { node, .. } if is_midpoint => {
+            let all = 0..body.mesh.tets.len();
+            let around = all.filter(|t| body.mesh.tets[*t].contains(node));
+            masses(&mut around.map(|t| t as u32))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The passes over the steps of a motion.

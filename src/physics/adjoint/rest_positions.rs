@@ -6,7 +6,7 @@ use super::parameters::Sensitivity;
 use super::quantities::derivative;
 use super::slopes::face_area;
 use crate::mesh::TetMesh;
-use crate::physics::cpu::{face_stiffnesses, tool_gap};
+use crate::physics::cpu::{STATIC_FRICTION_SPEED, face_stiffnesses, tool_gap};
 use crate::physics::{DiscreteModel, Discretisation, LocalUnits};
 use crate::{Error, Result};
 use glam::{DMat3, DVec3};
@@ -171,5 +171,6 @@ fn contact(sensitivity: &Sensitivity<'_>, model: &DiscreteModel) -> f64 {
             let gap = tool_gap(tool, &tool.shape.with_scale(unit), edge, unit);
             slopes.gap * gap * units.length
         });
-    stiffnesses + gaps.sum::<f64>()
+    let speed = STATIC_FRICTION_SPEED * units.length;
+    stiffnesses + gaps.sum::<f64>() + solution.static_speed * speed
 }

@@ -71,6 +71,7 @@ impl Gradients for CpuTets {
             let task = MotionTask {
                 steps,
                 dt,
+                scheme: self.model.kind,
                 quantity: &quantity,
                 parameters,
                 memory: STATE_MEMORY,
@@ -134,6 +135,7 @@ fn equilibrium<'a>(
         faces,
         muscles: muscles.collect(),
         has_self_contact: model.self_contact.is_some(),
+        self_friction: model.self_contact.as_ref().map_or(0.0, |own| own.friction),
         amplitudes: model.scaled_loads.len(),
         gravity: loads.gravity(),
         pinned: loads.pinned(),

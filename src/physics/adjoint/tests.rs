@@ -265,6 +265,7 @@ impl Case {
             faces,
             muscles: muscles.collect(),
             has_self_contact: self.self_contact.is_some(),
+            self_friction: self.self_contact.as_ref().map_or(0.0, |own| own.friction),
             amplitudes: 2,
             gravity: self.gravity,
             pinned: &self.pinned,

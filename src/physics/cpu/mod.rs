@@ -4,6 +4,7 @@
 mod aggregation;
 mod body;
 mod contact;
+mod differences;
 mod elements;
 mod external_loads;
 mod grid;

@@ -63,6 +63,11 @@ pub trait Term<T: Real>: Any + Send + Sync {
         0.0
     }
 
+    /// Whether its damping is friction, which is not linear in velocities.
+    fn is_friction(&self) -> bool {
+        false
+    }
+
     /// Sets the term's amplitude, if it has one, from all amplitudes.
     fn set_amplitudes(&mut self, _: &[f64]) {}
 

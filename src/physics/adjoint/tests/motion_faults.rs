@@ -2,7 +2,7 @@
 
 use super::load_tests::pressed_bar;
 use super::material_tests::quantities;
-use super::motion_tests::{damped, falling_clip, moving};
+use super::motion_tests::{bar_against_sphere, damped, falling_clip, moving};
 use super::*;
 use crate::physics::adjoint::motion::MotionQuantity;
 use crate::physics::cpu::StepParts;
@@ -75,6 +75,14 @@ fn reverse_without_part_of_step_fails() {
             falling_clip(),
             StepParts {
                 pairs: false,
+                ..all
+            },
+        ),
+        (
+            "friction",
+            bar_against_sphere(SolverKind::Implicit, 0.3),
+            StepParts {
+                friction: false,
                 ..all
             },
         ),

@@ -54,14 +54,9 @@ impl CpuBody<f64> {
             return x;
         };
         let rigid = &newton.rigid;
-        for (body, pose) in rigid.bodies.iter().zip(&rigid.now) {
-            let (pivot, within) = body.pivot(pose);
-            let (mut sum, mut moment) = (DVec3::ZERO, DVec3::ZERO);
-            for i in body.nodes.clone().chain(body.inner.clone()) {
-                let arm = pose.rotation * (rigid.lever_arms[i - rigid.first] - pivot);
-                sum += to_dvec(f[i]);
-                moment += arm.cross(to_dvec(f[i]));
-            }
+        for (b, (body, pose)) in rigid.bodies.iter().zip(&rigid.now).enumerate() {
+            let (_, within) = body.pivot(pose);
+            let [mut sum, moment] = rigid.resultant(b, pose, f);
             if body.freedom != DegreesOfFreedom::Free {
                 sum = DVec3::ZERO;
             }
@@ -84,18 +79,9 @@ impl CpuBody<f64> {
             let Some(rigid) = rigid else {
                 break;
             };
-            let (body, pose) = (&rigid.bodies[b], &rigid.now[b]);
-            let (pivot, _) = body.pivot(pose);
-            let (force, mut moment) = (DVec3::new(r[0], r[1], r[2]), DVec3::new(r[3], r[4], r[5]));
-            // The proxy nodes lie around the centre.
-            moment -= (pose.rotation * -pivot).cross(force);
-            let arm = |i: usize| pose.rotation * rigid.lever_arms[i - rigid.first];
-            let inertia = body
-                .proxy_nodes()
-                .fold(DMat3::ZERO, |sum, i| sum + inertia_of(arm(i)));
-            let turn = inertia.inverse() * moment;
-            for i in body.proxy_nodes() {
-                f[i] = to_v4(force / PROXY_NODES as f64 + turn.cross(arm(i)));
+            let (force, moment) = (DVec3::new(r[0], r[1], r[2]), DVec3::new(r[3], r[4], r[5]));
+            for (i, share) in rigid.proxy_forces(b, (force, moment)) {
+                f[i] = to_v4(share);
             }
         }
         f

@@ -10,12 +10,14 @@ mod freedoms;
 pub(super) mod implicit_step;
 mod motion_adjoint;
 pub(super) mod rigid;
+mod rigid_adjoint;
 #[cfg(test)]
 pub(super) mod scaled_load_tests;
 pub(super) mod simulator;
 pub(super) mod state;
 mod static_adjoint;
 pub(super) mod step;
+mod step_adjoint;
 mod steppable;
 mod tangent;
 #[cfg(test)]

@@ -15,7 +15,7 @@ use crate::physics::cpu::rigid::pose::PROXY_NODES;
 use crate::physics::cpu::runtime::static_adjoint::{
     AdjointSeed, AdjointSolution, StaticAdjoint, ToolSlopes,
 };
-use crate::physics::cpu::term::Term;
+use crate::physics::cpu::term::{StateRef, Term};
 use crate::physics::cpu::vectors::{V4, add, scale, sub, to_dvec, to_v4, zero};
 use glam::DVec3;
 use std::any::Any;
@@ -43,7 +43,7 @@ impl StaticAdjoint for CpuBody<f64> {
 
 impl CpuBody<f64> {
     /// Returns the derivatives of a quantity by the positions at the current state, at constant
-    /// forces of the adjoint. Only a quantity that sums forces of nodes needs the tangent.
+    /// forces of the adjoint; those of friction are not among them. Only a quantity that sums forces of nodes needs the tangent.
     pub(super) fn seed_vectors(
         &self,
         tangent: Option<&Tangent>,
@@ -87,12 +87,13 @@ impl CpuBody<f64> {
         }
     }
 
-    /// Returns the derivatives by forces and by what the engine alone has: λ, here from forces in
+    /// Returns the derivatives by forces and by what the engine alone has, with friction at
+    /// `velocities` if there are any: λ, here from forces in
     /// local units, is `z` plus the factors of forces that the quantity sums.
     pub(super) fn derivatives_of_seed(
         &self,
         vectors: &SeedVectors,
-        z: &[V4<f64>],
+        (z, velocities): (&[V4<f64>], Option<&[V4<f64>]>),
         seed: &AdjointSeed,
     ) -> AdjointSolution {
         let force = self.units.force();
@@ -102,7 +103,7 @@ impl CpuBody<f64> {
         };
         let loads = sum(z, &vectors.both);
         let terms = sum(&loads, &vectors.terms_only);
-        self.collect_derivatives([&terms, &loads], &self.state.u, seed)
+        self.collect_derivatives([&terms, &loads], (&self.state.u, velocities), seed)
     }
 
     /// Solves for the derivatives of the quantity, here by forces and displacements in local units.
@@ -121,17 +122,17 @@ impl CpuBody<f64> {
         Ok(AdjointSolution {
             supports: self.to_network(&supports, 1.0 / self.units.length),
             iterations: tangent.iterations,
-            ..self.derivatives_of_seed(&vectors, &z, seed)
+            ..self.derivatives_of_seed(&vectors, (&z, None), seed)
         })
     }
 
     /// Returns the solution in SI units, with the derivatives by what the engine alone has: for the
     /// derivatives `terms` and `loads` by the forces at the current state, with the loads at the
-    /// displacements `loaded`.
+    /// displacements `loaded`, and with friction at `velocities` if there are any.
     pub(super) fn collect_derivatives(
         &self,
         [terms, loads]: [&[V4<f64>]; 2],
-        loaded: &[V4<f64>],
+        (loaded, velocities): (&[V4<f64>], Option<&[V4<f64>]>),
         seed: &AdjointSeed,
     ) -> AdjointSolution {
         let units = self.units;
@@ -141,7 +142,11 @@ impl CpuBody<f64> {
         let mut faces = Vec::new();
         if let Some(contact) = tool_contact(&self.terms) {
             let force = seed.tool.map(|(tool, d)| (tool, units.force() * d));
-            let slopes = contact.force_derivatives(u, terms, force, &mut weights);
+            let mut slopes = contact.force_derivatives(u, terms, force, &mut weights);
+            if let Some(v) = velocities {
+                let to = (&mut weights, &mut slopes[..]);
+                contact.add_friction_derivatives(StateRef { u, v }, terms, force, to);
+            }
             tools.extend(slopes.iter().map(|d| ToolSlopes {
                 translation: d.translation / units.length,
                 rotation: d.rotation,
@@ -150,6 +155,9 @@ impl CpuBody<f64> {
         }
         if let Some(term) = self_contact(&self.terms) {
             term.add_weight_derivatives(u, terms, &mut weights);
+            if let Some(v) = velocities {
+                term.add_friction_weights(StateRef { u, v }, terms, &mut weights);
+            }
             faces = weights.of_faces(term.surface.hull());
         } else if let Some(contact) = tool_contact(&self.terms) {
             faces = weights.of_faces(&contact.hull);
@@ -167,6 +175,7 @@ impl CpuBody<f64> {
             supports: vec![DVec3::ZERO; self.node_count()],
             tools,
             faces,
+            static_speed: weights.static_speed / units.velocity(),
             ..AdjointSolution::default()
         }
     }

@@ -11,7 +11,8 @@ use super::CpuBody;
 use super::force_assembly::ForceSources;
 use crate::physics::CgSettings;
 use crate::physics::cpu::contact::contact_derivatives::PairTangent;
-use crate::physics::cpu::implicit::contact_terms::self_contact;
+use crate::physics::cpu::contact::friction_derivatives::FrictionTangent;
+use crate::physics::cpu::implicit::contact_terms::{self_contact, tool_contact};
 use crate::physics::cpu::implicit::linear_step::{LinearStepSolver, StepContext};
 use crate::physics::cpu::linear::cg::{CgTolerance, SystemOperator};
 use crate::physics::cpu::linear::flexible_gmres::flexible_gmres;
@@ -47,6 +48,8 @@ pub(super) struct Tangent {
     solver: LinearStepSolver<f64>,
     /// Exact Hessians of self-contact less the linearised ones.
     pairs: Vec<PairTangent>,
+    /// Friction of a step.
+    pub friction: Vec<FrictionTangent>,
     /// Exact blocks of springs less the linearised ones.
     springs: Vec<([u32; 2], DMat3)>,
     /// For each rigid body: the Hessian by its rotation of the work of constant forces.
@@ -61,16 +64,37 @@ pub(super) struct Tangent {
     pub iterations: u32,
 }
 
+/// What a linearisation needs besides the displacements.
+#[derive(Clone, Copy)]
+pub(super) struct Forces<'a> {
+    /// All forces on the nodes of rigid bodies.
+    pub net: &'a [V4<f64>],
+    /// Velocities at which friction acts.
+    pub velocities: &'a [V4<f64>],
+}
+
 impl CpuBody<f64> {
-    /// Linearises the forces at the current state for a step of `step` with `masses`; with the
-    /// tangent of loads if `parts` has it.
+    /// Returns the derivatives of friction at the displacements of the body.
+    fn friction_tangents(&self, v: &[V4<f64>]) -> Vec<FrictionTangent> {
+        let at = StateRef {
+            u: &self.state.u[..],
+            v,
+        };
+        let mut all = tool_contact(&self.terms).map_or(Vec::new(), |c| c.friction_tangents(at));
+        if let Some(own) = self_contact(&self.terms) {
+            all.extend(own.friction_tangents(at));
+        }
+        all
+    }
+
+    /// Linearises the forces at the current state.
     pub(super) fn linearise_exactly(
         &mut self,
         parts: TangentParts,
         (step, masses): (f64, Vec<f64>),
+        Forces { net, velocities }: Forces<'_>,
     ) -> Tangent {
         let nodes = self.plan.nodes();
-        let still = vec![zero(); self.state.u.len()];
         let rigid = self.newton.as_ref().map(|newton| &newton.rigid);
         let mut solver = match &self.implicit {
             Some(solver) => solver.clone(),
@@ -87,7 +111,7 @@ impl CpuBody<f64> {
             rest: &self.rest_local,
             at: StateRef {
                 u: &self.state.u,
-                v: &still,
+                v: velocities,
             },
             f: &self.state.f,
         };
@@ -97,13 +121,19 @@ impl CpuBody<f64> {
         solver.linearise(&context, &mut self.terms, context.at, step);
         solver.refresh_rigid_projection(&self.terms, step);
         solver.refresh_coarse_space(&context, &self.terms, context.at.u, step);
-        let pairs = self_contact(&self.terms)
+        let mut pairs = self_contact(&self.terms)
             .filter(|_| parts.pairs)
             .map_or(Vec::new(), |term| term.tangent_corrections(&self.state.u));
+        let friction = match step < STATIC_STEP {
+            true => self.friction_tangents(velocities),
+            false => Vec::new(),
+        };
+        let with_positions = parts.friction;
+        pairs.extend(friction.iter().map(|f| f.correction(step, with_positions)));
         let springs: Option<&Springs<f64>> = find_term(&self.terms).filter(|_| parts.unprojected);
         let springs = springs.map_or(Vec::new(), |s| s.tangent_corrections(&self.state.u));
         let rotations = match parts.rotations {
-            true => self.rotation_tangents(&still),
+            true => self.rotation_tangents(net),
             false => Vec::new(),
         };
         let has_loads = parts.loads && self.loads.has_tangent();
@@ -114,6 +144,7 @@ impl CpuBody<f64> {
             masses,
             solver,
             pairs,
+            friction,
             springs,
             rotations,
             zeros: vec![0.0; nodes],
@@ -125,26 +156,33 @@ impl CpuBody<f64> {
     /// Linearises the static forces at the current state.
     pub(super) fn linearise_static(&mut self, parts: TangentParts) -> Tangent {
         let zeros = vec![0.0; self.plan.nodes()];
-        self.linearise_exactly(parts, (STATIC_STEP, zeros))
+        let still = vec![zero(); self.state.u.len()];
+        let mut net = still.clone();
+        if self.newton.as_ref().is_some_and(|n| !n.rigid.is_empty()) {
+            let sources = ForceSources {
+                plan: &self.plan,
+                masses: &self.masses,
+                loads: &self.loads,
+                terms: &self.terms,
+            };
+            let at = StateRef {
+                u: &self.state.u,
+                v: &still,
+            };
+            sources.forces(at, &mut net);
+        }
+        let forces = Forces {
+            net: &net,
+            velocities: &still,
+        };
+        self.linearise_exactly(parts, (STATIC_STEP, zeros), forces)
     }
 
-    /// Returns −Σ f·∂²x/∂θ² of each rigid body, with f the static forces on its nodes.
-    fn rotation_tangents(&self, still: &[V4<f64>]) -> Vec<DMat3> {
+    /// Returns −Σ f·∂²x/∂θ² of each rigid body for the forces f on its nodes.
+    fn rotation_tangents(&self, forces: &[V4<f64>]) -> Vec<DMat3> {
         let Some(newton) = self.newton.as_ref().filter(|n| !n.rigid.is_empty()) else {
             return Vec::new();
         };
-        let mut forces = vec![zero(); self.state.u.len()];
-        let sources = ForceSources {
-            plan: &self.plan,
-            masses: &self.masses,
-            loads: &self.loads,
-            terms: &self.terms,
-        };
-        let at = StateRef {
-            u: &self.state.u,
-            v: still,
-        };
-        sources.forces(at, &mut forces);
         let rigid = &newton.rigid;
         let bodies = rigid.bodies.iter().zip(&rigid.now);
         let tangents = bodies.map(|(body, pose)| {

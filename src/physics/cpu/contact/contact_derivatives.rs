@@ -2,8 +2,8 @@
 //! stiffness behind the boundary. Each is that of Σ y·f over contact points with forces f, at given
 //! vectors y, in local units.
 
-use super::boundary_surface::BoundarySurface;
-use super::candidates::AREA_FRACTION;
+use super::boundary_surface::{BoundarySurface, ContactPoint};
+use super::candidates::{AREA_FRACTION, CollisionCandidate};
 use super::self_contact::SelfContactTerm;
 use super::tool_contact::ToolContact;
 use crate::physics::contact::{Barrier, PrimitivePair};
@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
 /// Step of central differences of the force between two features, over their distance.
-const PAIR_DIFFERENCE_STEP: f64 = 1e-4;
+pub(super) const PAIR_DIFFERENCE_STEP: f64 = 1e-4;
 
 /// Derivatives by the pose and the gap of a tool.
 #[derive(Clone, Copy, Debug, Default)]
@@ -31,6 +31,8 @@ pub(in crate::physics::cpu) struct WeightDerivatives {
     nodes: Vec<f64>,
     edges: BTreeMap<[u32; 2], f64>,
     faces: BTreeMap<[u32; 3], f64>,
+    /// By the speed below which friction is static.
+    pub static_speed: f64,
 }
 
 impl WeightDerivatives {
@@ -40,6 +42,37 @@ impl WeightDerivatives {
             nodes: vec![0.0; nodes],
             edges: BTreeMap::new(),
             faces: BTreeMap::new(),
+            static_speed: 0.0,
+        }
+    }
+
+    /// Adds the derivatives of a number that is proportional to the weight of a point; `whole` are
+    /// the weights of faces.
+    pub(super) fn add_point(
+        &mut self,
+        s: &ContactPoint,
+        value: f64,
+        whole: &BTreeMap<[u32; 3], f64>,
+    ) {
+        match s.face() {
+            None => self.nodes[s.spread().0[0] as usize] += value / s.area_stiffness,
+            // A point of a face has a fixed part of its weight.
+            Some(face) => {
+                let whole = whole.get(&face).copied().unwrap_or(f64::INFINITY);
+                *self.faces.entry(face).or_default() += value / whole;
+            }
+        }
+    }
+
+    /// Adds the derivatives of a number that is proportional to the weight of a pair.
+    pub(super) fn add_pair(&mut self, pair: &CollisionCandidate, value: f64) {
+        let by_weight = AREA_FRACTION * value / pair.weight;
+        let [a, b, ..] = pair.nodes;
+        match pair.features {
+            PrimitivePair::VertexFace => self.nodes[a as usize] += by_weight,
+            PrimitivePair::EdgeEdge => {
+                *self.edges.entry([a.min(b), a.max(b)]).or_default() += by_weight;
+            }
         }
     }
 
@@ -92,7 +125,7 @@ impl ToolContact<f64> {
         weights: &mut WeightDerivatives,
     ) -> Vec<ToolDerivatives> {
         let mut all = vec![ToolDerivatives::default(); self.tools.len()];
-        let stiffness_of: BTreeMap<[u32; 3], f64> = self.hull.faces.iter().copied().collect();
+        let stiffness_of = self.face_weights();
         for s in &self.contact_points {
             let Some((f, stiffness, by_gap)) = self.point_tangent(s, u) else {
                 continue;
@@ -110,26 +143,19 @@ impl ToolContact<f64> {
             to.translation += along;
             to.rotation += f.cross(y) + arm.cross(along);
             to.gap += by_gap.dot(y);
-            let by_weight = f.dot(y) / s.area_stiffness;
-            match s.face() {
-                None => weights.nodes[s.spread().0[0] as usize] += by_weight,
-                // A point of a face has a fixed part of its weight.
-                Some(face) => {
-                    let whole = stiffness_of.get(&face).copied().unwrap_or(f64::INFINITY);
-                    *weights.faces.entry(face).or_default() += f.dot(y) / whole;
-                }
-            }
+            weights.add_point(s, f.dot(y), &stiffness_of);
         }
         all
     }
 
+    /// Returns the A K of each boundary face.
+    pub(super) fn face_weights(&self) -> BTreeMap<[u32; 3], f64> {
+        self.hull.faces.iter().copied().collect()
+    }
+
     /// Returns the force on an active point, minus its derivative by the point, and its derivative
     /// by the gap.
-    fn point_tangent(
-        &self,
-        s: &super::boundary_surface::ContactPoint,
-        u: &[V4<f64>],
-    ) -> Option<(DVec3, DMat3, DVec3)> {
+    fn point_tangent(&self, s: &ContactPoint, u: &[V4<f64>]) -> Option<(DVec3, DMat3, DVec3)> {
         let (tool, touch) = self.active_distance(s, u)?;
         let ratio = touch.distance / tool.gap;
         let barrier = Barrier::clamped(ratio);
@@ -151,7 +177,7 @@ impl SelfContactTerm<f64> {
     /// Returns for each active pair the difference between the exact Hessian at `u`, by central
     /// differences of its forces, and the one of `linearise`, which keeps the part along the normal.
     pub fn tangent_corrections(&self, u: &[V4<f64>]) -> Vec<PairTangent> {
-        let correction = |pair: &super::candidates::CollisionCandidate| {
+        let correction = |pair: &CollisionCandidate| {
             let active = self.active_pair(pair, u)?;
             let x = self.positions(pair, u);
             let step = PAIR_DIFFERENCE_STEP * pair.features.closest_points(&x).distance;
@@ -198,14 +224,7 @@ impl SelfContactTerm<f64> {
             let sum: f64 = forces
                 .map(|(i, f)| f.dot(to_dvec(lambda[*i as usize])))
                 .sum();
-            let by_weight = AREA_FRACTION * sum / pair.weight;
-            let [a, b, ..] = pair.nodes;
-            match pair.features {
-                PrimitivePair::VertexFace => weights.nodes[a as usize] += by_weight,
-                PrimitivePair::EdgeEdge => {
-                    *weights.edges.entry([a.min(b), a.max(b)]).or_default() += by_weight;
-                }
-            }
+            weights.add_pair(pair, sum);
         }
     }
 }

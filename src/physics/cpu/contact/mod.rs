@@ -5,6 +5,7 @@ pub(super) mod candidates;
 pub(super) mod ccd;
 pub(super) mod contact_derivatives;
 pub(super) mod enclosed_components;
+pub(super) mod friction_derivatives;
 pub(super) mod parameters;
 pub(super) mod reference;
 pub(super) mod self_contact;

@@ -36,11 +36,44 @@ const SEPARATION_STIFFNESS: f64 = 30.0;
 
 /// Friction data of a pair, from the previous iterate.
 #[derive(Clone, Copy, Debug, Default)]
-struct PairFriction {
-    weights: [f64; 4],
+pub(super) struct PairFriction {
+    pub weights: [f64; 4],
     normal: DVec3,
     /// μ times the normal force.
     max_force: f64,
+}
+
+impl PairFriction {
+    /// Returns the tangential velocity of the first primitive relative to the second, with the four
+    /// nodes at the velocities `v`.
+    fn slide(&self, v: [DVec3; 4]) -> DVec3 {
+        let off: DVec3 = self.weights.iter().zip(v).map(|(w, v)| *w * v).sum();
+        off - self.normal * self.normal.dot(off)
+    }
+
+    /// Returns the force on the first primitive.
+    pub(super) fn force(&self, v: [DVec3; 4], static_friction_speed: f64) -> DVec3 {
+        let slide = self.slide(v);
+        let slip = FrictionMollifier::at(slide.length(), static_friction_speed);
+        -self.max_force * slip.slope_over_speed * slide
+    }
+
+    /// Returns the secant stiffness of the force in all tangential directions.
+    fn secant(&self, v: [DVec3; 4], static_friction_speed: f64) -> DMat3 {
+        let speed = self.slide(v).length();
+        let slip = FrictionMollifier::at(speed, static_friction_speed);
+        let plane = DMat3::IDENTITY - outer_product(self.normal);
+        plane * (self.max_force * slip.slope_over_speed)
+    }
+
+    /// Returns minus the derivative of the force by the relative velocity.
+    pub(super) fn tangent(&self, v: [DVec3; 4], static_friction_speed: f64) -> DMat3 {
+        let slide = self.slide(v);
+        let slip = FrictionMollifier::at(slide.length(), static_friction_speed);
+        let along = outer_product(slide.normalize_or_zero());
+        let excess = self.max_force * (slip.second_derivative - slip.slope_over_speed);
+        self.secant(v, static_friction_speed) + along * excess
+    }
 }
 
 /// A pair within its gap.
@@ -72,6 +105,8 @@ pub(in crate::physics::cpu) struct SelfContactTerm<T> {
     pub gap: f64,
     /// Regularisation speed of the friction.
     pub static_friction_speed: f64,
+    /// Whether friction is linearised exactly.
+    pub is_exact: bool,
     pub(super) pairs: Vec<CollisionCandidate>,
     /// Indices of the pairs with a node in each chunk.
     chunk_pairs: Vec<Vec<u32>>,
@@ -94,6 +129,7 @@ impl<T: Real> SelfContactTerm<T> {
             friction,
             gap,
             static_friction_speed,
+            is_exact: false,
             pairs: Vec::new(),
             chunk_pairs: vec![Vec::new(); chunks],
             lagged_friction: Vec::new(),
@@ -276,12 +312,7 @@ impl<T: Real> SelfContactTerm<T> {
         for (pair, friction) in self.pairs.iter().zip(&mut lagged_friction) {
             let before = std::mem::take(friction);
             if let Some(active) = self.active_pair(pair, u) {
-                let force = pair.weight * active.mollifier * active.barrier.first_derivative.abs();
-                *friction = PairFriction {
-                    weights: active.weights,
-                    normal: active.normal,
-                    max_force: self.friction * force,
-                };
+                *friction = self.friction_at(pair, &active);
             }
             change +=
                 (friction.max_force * friction.normal).distance(before.max_force * before.normal);
@@ -294,11 +325,31 @@ impl<T: Real> SelfContactTerm<T> {
         }
     }
 
-    /// Returns the tangential velocity of the first primitive of a pair relative to the second.
-    fn sliding(pair: &CollisionCandidate, friction: &PairFriction, v: &[V4<T>]) -> DVec3 {
-        let nodes = pair.nodes.iter().zip(friction.weights);
-        let off: DVec3 = nodes.map(|(i, w)| w * to_dvec(v[*i as usize])).sum();
-        off - friction.normal * friction.normal.dot(off)
+    /// Returns the linearisation of the force by the relative velocity: the secant stiffness, since
+    /// with the exact derivative sliding pairs would oscillate in steps of few iterations.
+    pub(super) fn friction_block(&self, friction: &PairFriction, v: [DVec3; 4]) -> DMat3 {
+        match self.is_exact {
+            true => friction.tangent(v, self.static_friction_speed),
+            false => friction.secant(v, self.static_friction_speed),
+        }
+    }
+
+    /// Returns the friction data of an active pair.
+    pub(super) fn friction_at(
+        &self,
+        pair: &CollisionCandidate,
+        active: &ActivePair,
+    ) -> PairFriction {
+        let force = pair.weight * active.mollifier * active.barrier.first_derivative.abs();
+        PairFriction {
+            weights: active.weights,
+            normal: active.normal,
+            max_force: self.friction * force,
+        }
+    }
+
+    pub(super) fn velocities(pair: &CollisionCandidate, v: &[V4<T>]) -> [DVec3; 4] {
+        pair.nodes.map(|i| to_dvec(v[i as usize]))
     }
 
     /// Σ λ² w²/m over pairs; see [`super::tool_contact::ToolContact::residual_scale`].
@@ -417,18 +468,23 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
         self.friction > 0.0
     }
 
+    fn is_friction(&self) -> bool {
+        true
+    }
+
     fn damping_forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         let mut loss = 0.0;
         for (k, pair, counts) in self.of_chunk(chunk) {
             let Some(friction) = self.friction_of(k) else {
                 continue;
             };
-            let slide = Self::sliding(pair, friction, at.v);
-            let slip = FrictionMollifier::at(slide.length(), self.static_friction_speed);
-            let force = -friction.max_force * slip.slope_over_speed * slide;
+            let velocities = Self::velocities(pair, at.v);
+            let force = friction.force(velocities, self.static_friction_speed);
             self.add(chunk, &pair.nodes, friction.weights.map(|w| w * force), f);
             if counts {
-                loss += friction.max_force * slip.value;
+                let speed = friction.slide(velocities).length();
+                loss += friction.max_force
+                    * FrictionMollifier::at(speed, self.static_friction_speed).value;
             }
         }
         loss
@@ -458,12 +514,8 @@ impl<T: Real> Term<T> for SelfContactTerm<T> {
                 );
             }
             if let Some(friction) = self.friction_of(k) {
-                let slide = Self::sliding(pair, friction, at.v);
-                let slip = FrictionMollifier::at(slide.length(), self.static_friction_speed);
-                // The secant stiffness in all tangential directions; with the exact derivative,
-                // sliding pairs would oscillate.
-                let plane = DMat3::IDENTITY - outer_product(friction.normal);
-                let block = plane * (h * friction.max_force * slip.slope_over_speed);
+                let velocities = Self::velocities(pair, at.v);
+                let block = self.friction_block(friction, velocities) * h;
                 blocks.push(
                     plan,
                     (pair.nodes, friction.weights),

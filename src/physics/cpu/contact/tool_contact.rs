@@ -111,6 +111,36 @@ pub(in crate::physics::cpu) struct ToolFriction {
     pub tool_velocity: DVec3,
 }
 
+impl ToolFriction {
+    /// Returns the tangential velocity relative to the tool of a point with the velocity `v`.
+    pub fn slide(&self, v: DVec3) -> DVec3 {
+        let relative_velocity = v - self.tool_velocity;
+        relative_velocity - self.normal * self.normal.dot(relative_velocity)
+    }
+
+    /// Returns the force on a point with the velocity `v`.
+    pub fn force(&self, v: DVec3, static_friction_speed: f64) -> DVec3 {
+        let slide = self.slide(v);
+        let slip = FrictionMollifier::at(slide.length(), static_friction_speed);
+        -self.max_force * slip.slope_over_speed * slide
+    }
+
+    /// Returns minus the derivative of the force by `v`, bounded below if `projected`.
+    pub fn tangent(&self, v: DVec3, static_friction_speed: f64, projected: bool) -> DMat3 {
+        let slide = self.slide(v);
+        let slip = FrictionMollifier::at(slide.length(), static_friction_speed);
+        let along = slide.normalize_or_zero();
+        let plane = DMat3::IDENTITY - outer_product(self.normal);
+        let isotropic = plane * slip.slope_over_speed;
+        let second_derivative = match projected {
+            true => slip.projected_hessian(),
+            false => slip.second_derivative,
+        };
+        let along_slip = outer_product(along) * (second_derivative - slip.slope_over_speed);
+        (isotropic + along_slip) * self.max_force
+    }
+}
+
 /// The tools of a body.
 pub(in crate::physics::cpu) struct ToolContact<T> {
     pub tools: Vec<ToolState>,
@@ -188,19 +218,9 @@ impl<T: Real> ToolContact<T> {
             * touch.normal
     }
 
-    /// Returns the tangential velocity of a point relative to the tool.
-    fn tangential_velocity(&self, s: &ContactPoint, friction: &ToolFriction, v: &[V4<T>]) -> DVec3 {
-        let nodal_velocity: DVec3 = s.corners().map(|(i, w)| w * to_dvec(v[i])).sum();
-        let relative_velocity = nodal_velocity - friction.tool_velocity;
-        relative_velocity - friction.normal * friction.normal.dot(relative_velocity)
-    }
-
-    /// Returns the friction force on a point.
-    fn friction_force(&self, s: &ContactPoint, friction: &ToolFriction, v: &[V4<T>]) -> DVec3 {
-        let slide = self.tangential_velocity(s, friction, v);
-        -friction.max_force
-            * FrictionMollifier::at(slide.length(), self.static_friction_speed).slope_over_speed
-            * slide
+    /// Returns the velocity of a point.
+    pub(super) fn velocity(s: &ContactPoint, v: &[V4<T>]) -> DVec3 {
+        s.corners().map(|(i, w)| w * to_dvec(v[i])).sum()
     }
 
     /// Stores the normal forces, normals and tool velocities at the displacements `u` for friction.
@@ -228,8 +248,21 @@ impl<T: Real> ToolContact<T> {
     }
 
     fn lagged_friction_of(&self, s: &ContactPoint, u: &[V4<T>]) -> Option<ToolFriction> {
-        let (tool, touch) = self.active_distance(s, u)?;
-        let local_point = tool.at.to_local(self.point(s, u));
+        self.friction_at(s, &self.tools[s.tool as usize], self.point(s, u))
+    }
+
+    /// Returns the friction data of a point at `p` with a tool, or `None` beyond the gap.
+    pub(super) fn friction_at(
+        &self,
+        s: &ContactPoint,
+        tool: &ToolState,
+        p: DVec3,
+    ) -> Option<ToolFriction> {
+        if tool.distance(p) >= tool.gap {
+            return None;
+        }
+        let touch = tool.touch(p);
+        let local_point = tool.at.to_local(p);
         let moved = tool.to.to_world(local_point) - tool.from.to_world(local_point);
         Some(ToolFriction {
             normal: touch.normal,
@@ -272,7 +305,7 @@ impl<T: Real> ToolContact<T> {
                 .get(k)
                 .filter(|friction| friction.max_force > 0.0)
             {
-                force += self.friction_force(s, friction, at.v);
+                force += friction.force(Self::velocity(s, at.v), self.static_friction_speed);
             }
             let [sum, moment] = &mut sums[s.tool as usize];
             *sum -= force;
@@ -344,6 +377,10 @@ impl<T: Real> Term<T> for ToolContact<T> {
         self.tools.iter().any(|tool| tool.friction > 0.0)
     }
 
+    fn is_friction(&self) -> bool {
+        true
+    }
+
     fn damping_forces(&self, chunk: usize, at: StateRef<'_, T>, f: &mut [V4<T>]) -> f64 {
         let mut loss = 0.0;
         for (k, s, counts) in self.points_of_chunk(chunk) {
@@ -354,12 +391,13 @@ impl<T: Real> Term<T> for ToolContact<T> {
             else {
                 continue;
             };
-            let force = self.friction_force(s, friction, at.v);
+            let velocity = Self::velocity(s, at.v);
+            let force = friction.force(velocity, self.static_friction_speed);
             for (i, w) in self.corners_in_chunk(chunk, s, f.len()) {
                 f[i] = add(f[i], to_v4(w * force));
             }
             if counts {
-                let speed = self.tangential_velocity(s, friction, at.v).length();
+                let speed = friction.slide(velocity).length();
                 loss += friction.max_force
                     * FrictionMollifier::at(speed, self.static_friction_speed).value;
             }
@@ -397,17 +435,9 @@ impl<T: Real> Term<T> for ToolContact<T> {
                 .get(k)
                 .filter(|friction| friction.max_force > 0.0)
             {
-                let slide = self.tangential_velocity(s, friction, at.v);
-                let slip = FrictionMollifier::at(slide.length(), self.static_friction_speed);
-                let along = slide.normalize_or_zero();
-                let plane = DMat3::IDENTITY - outer_product(friction.normal);
-                let isotropic = plane * slip.slope_over_speed;
-                let second_derivative = match self.projected {
-                    true => slip.projected_hessian(),
-                    false => slip.second_derivative,
-                };
-                let along_slip = outer_product(along) * (second_derivative - slip.slope_over_speed);
-                block += (isotropic + along_slip) * (h * friction.max_force);
+                let velocity = Self::velocity(s, at.v);
+                let speed = self.static_friction_speed;
+                block += friction.tangent(velocity, speed, self.projected) * h;
             }
             blocks.push(plan, s.spread(), &block, share.diagonal);
         }

@@ -29,7 +29,13 @@ pub(in crate::physics::cpu) const RESUME_RESIDUAL_RATIO: f64 = 1e3;
 
 /// Largest number of friction updates per step (lagged friction). One less than on the GPU, which
 /// does not test whether the forces still change (`contact_convergence.wgsl`).
-pub(in crate::physics::cpu) const MAX_FRICTION_UPDATES: u32 = 5;
+const MAX_FRICTION_UPDATES: u32 = 5;
+
+/// Steps that are solved to a residual below this, for gradients, update friction until it changes
+/// by ten times the residual, and at most this many times and rounds.
+const EXACT_RESIDUAL: f64 = 1e-6;
+const MAX_EXACT_FRICTION_UPDATES: u32 = 100;
+const MAX_EXACT_ITERATIONS: u32 = 400;
 
 /// Relative change of the normal forces above which another friction update follows.
 const FRICTION_FORCE_TOLERANCE: f64 = 3e-3;
@@ -61,6 +67,7 @@ impl<T: Real> NewtonSolver<T> {
         self.step_settings = self.settings;
         let mut stages = 0;
         if let Some(term) = self_contact_mut(terms) {
+            term.is_exact = self.is_exact();
             let moved = |i: usize| coefficients.evaluation_time * to_dvec(context.at.v[i]);
             let node_context = (context.at.u, context.free, context.plan);
             if term.begin(node_context, &self.rigid, &moved) {
@@ -86,7 +93,10 @@ impl<T: Real> NewtonSolver<T> {
         linear_solver.drop_coarse_space();
         let settings = self.settings;
         self.step_settings = NewtonSettings {
-            iterations: settings.iterations.max(MAX_CONTACT_ITERATIONS),
+            iterations: settings.iterations.max(match self.is_exact() {
+                true => MAX_EXACT_ITERATIONS,
+                false => MAX_CONTACT_ITERATIONS,
+            }),
             tolerance: match settings.tolerance > 0.0 {
                 true => settings.tolerance.min(CONTACT_TOLERANCE),
                 false => CONTACT_TOLERANCE,
@@ -396,7 +406,26 @@ impl<T: Real> NewtonSolver<T> {
                 coefficients,
             );
         }
-        change > FRICTION_FORCE_TOLERANCE
+        change > self.friction_limits().0
+    }
+
+    /// Whether steps are solved so far that lagged friction has converged.
+    pub(in crate::physics::cpu) fn is_exact(&self) -> bool {
+        self.settings.tolerance > 0.0 && self.settings.tolerance < EXACT_RESIDUAL
+    }
+
+    /// Whether tools or self-contact have friction.
+    pub(in crate::physics::cpu) fn has_friction(&self, terms: &[Box<dyn Term<T>>]) -> bool {
+        terms.iter().any(|term| term.is_friction() && term.damped())
+    }
+
+    /// Returns the relative change of the normal forces above which another friction update
+    /// follows, and the largest number of updates.
+    pub(in crate::physics::cpu) fn friction_limits(&self) -> (f64, u32) {
+        match self.is_exact() {
+            true => (10.0 * self.settings.tolerance, MAX_EXACT_FRICTION_UPDATES),
+            false => (FRICTION_FORCE_TOLERANCE, MAX_FRICTION_UPDATES),
+        }
     }
 
     /// Re-evaluates the best trial if the contact candidates changed, which friction depends on.

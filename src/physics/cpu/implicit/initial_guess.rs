@@ -107,7 +107,8 @@ impl<T: Real> InitialGuesses<T> {
                 }
                 for (b, body) in rigid.bodies.iter().enumerate() {
                     if rigid.midpoint && nodes.contains(&body.nodes.start) {
-                        let places = rigid.inertial_target(b, coefficients.gamma, context.at.v);
+                        let start = rigid.midpoint_start(b, context.at.v);
+                        let places = rigid.inertial_target(b, coefficients.gamma, &start);
                         for (i, place) in body.proxy_nodes().zip(places) {
                             let goal = &mut goal.0[i - nodes.start];
                             let straight = scale(gamma, context.at.v[i]);

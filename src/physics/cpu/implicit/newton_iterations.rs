@@ -10,8 +10,8 @@
 //! ```
 
 use super::contact_iterations::{
-    FRICTION_UPDATE_RESIDUAL_RATIO, MAX_BLOCKED_MOTION_ITERATIONS, MAX_FRICTION_UPDATES,
-    MAX_ROUNDOFF_ITERATIONS, RESUME_RESIDUAL_RATIO,
+    FRICTION_UPDATE_RESIDUAL_RATIO, MAX_BLOCKED_MOTION_ITERATIONS, MAX_ROUNDOFF_ITERATIONS,
+    RESUME_RESIDUAL_RATIO,
 };
 use super::contact_terms::self_contact;
 use super::linear_step::{LinearStepSolver, StepContext};
@@ -151,8 +151,11 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
     pub fn run(mut self, iterations: u32) -> NewtonResult {
         self.result.iterations = iterations;
         let mut state = State::EvaluateResidual;
-        while state != State::Done {
+        loop {
             state = match state {
+                // However far the step is solved: its friction has to be that of its own forces.
+                State::Done if self.friction_must_converge() => State::UpdateFriction,
+                State::Done => break,
                 State::EvaluateResidual => self.evaluate_residual(),
                 State::ResumeMotion => self.resume_motion(),
                 State::CheckResidual => self.check_residual(),
@@ -161,7 +164,6 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
                 State::Search(direction) => self.search(direction),
                 State::CheckDecrease(direction, found) => self.check_decrease(direction, found),
                 State::NextRound => self.next_round(),
-                State::Done => State::Done,
             };
         }
         self.result.elastic = self.newton.best.elastic;
@@ -223,11 +225,12 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
 
     fn update_lagged_friction(&mut self) -> State {
         self.friction_updates += 1;
+        self.roundoff_iterations = 0;
         let newton = &mut *self.newton;
         if newton.update_lagged_friction(self.context, self.terms, self.coefficients) {
             self.compute_residual();
         } else {
-            self.friction_updates = MAX_FRICTION_UPDATES;
+            self.friction_updates = u32::MAX;
         }
         State::NextRound
     }
@@ -353,8 +356,12 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
         self.newton.prescribed_fraction < 1.0
     }
 
+    fn friction_must_converge(&self) -> bool {
+        self.newton.is_exact() && self.newton.has_friction(self.terms) && self.friction_may_change()
+    }
+
     fn friction_may_change(&self) -> bool {
-        self.contact && self.friction_updates < MAX_FRICTION_UPDATES
+        self.contact && self.friction_updates < self.newton.friction_limits().1
     }
 
     /// Whether tetrahedra are inverted at the evaluation time of the forces: at the end of the

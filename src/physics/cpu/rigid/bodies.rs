@@ -121,6 +121,12 @@ impl RigidBodies {
         self.note_changes();
     }
 
+    /// Sets the current poses, and the torques of the last step.
+    pub fn set_motion(&mut self, poses: &[Pose], torques: &[DVec3]) {
+        self.now.copy_from_slice(poses);
+        self.torques.copy_from_slice(torques);
+    }
+
     /// Sets the trial to the current poses.
     pub fn reset_trial(&mut self) {
         self.trial.copy_from_slice(&self.now);
@@ -262,6 +268,25 @@ impl RigidBodies {
             body.nodes.start..body.nodes.end - if all { PROXY_NODES } else { body.nodes.len() };
         for i in surface.chain(body.inner.clone()) {
             v[i] = to_v4(mean + change * self.lever_arms[i - self.first]);
+        }
+    }
+
+    /// Moves derivatives by the velocities of the interior nodes of a body to its proxy nodes: the
+    /// transpose of [`RigidBodies::write_velocities`] for these.
+    pub fn transfer_velocity_derivatives(&self, b: usize, by_v: &mut [V4<f64>]) {
+        let body = &self.bodies[b];
+        let (mut sum, mut moments) = (DVec3::ZERO, DMat3::ZERO);
+        for i in body.inner.clone() {
+            let q = to_dvec(std::mem::take(&mut by_v[i]));
+            sum += q;
+            moments += outer(
+                q,
+                body.inverse_inertia_map * self.lever_arms[i - self.first],
+            );
+        }
+        for (i, t) in body.proxy_nodes().zip(PROXY_POSITIONS) {
+            let share = (sum + moments * t) / PROXY_NODES as f64;
+            by_v[i] = to_v4(to_dvec(by_v[i]) + share);
         }
     }
 

@@ -1,7 +1,7 @@
 //! External forces on rigid bodies, transferred to their proxy nodes.
 
 use super::bodies::RigidBodies;
-use super::pose::{PROXY_NODES, PROXY_POSITIONS, RigidGroup};
+use super::pose::{PROXY_NODES, PROXY_POSITIONS, RigidGroup, inertia_of};
 use super::target_springs::RigidTargetSpring;
 use crate::physics::LocalUnits;
 use crate::physics::cpu::node_constraints::NodeConstraint;
@@ -71,6 +71,27 @@ impl RigidBodies {
                 forces[order[i] as usize] = share;
             }
         }
+    }
+
+    /// Returns the forces on the proxy nodes of a body in its pose now that have a sum and a moment
+    /// about its pivot.
+    pub fn proxy_forces(
+        &self,
+        b: usize,
+        (force, mut moment): (DVec3, DVec3),
+    ) -> [(usize, DVec3); PROXY_NODES] {
+        let (body, pose) = (&self.bodies[b], &self.now[b]);
+        let (pivot, _) = body.pivot(pose);
+        // The proxy nodes lie around the centre.
+        moment -= (pose.rotation * -pivot).cross(force);
+        let arm = |i: usize| pose.rotation * self.lever_arms[i - self.first];
+        let nodes = body.proxy_nodes();
+        let inertia = nodes.fold(DMat3::ZERO, |sum, i| sum + inertia_of(arm(i)));
+        let turn = inertia.inverse() * moment;
+        std::array::from_fn(|k| {
+            let i = body.proxy_nodes().start + k;
+            (i, force / PROXY_NODES as f64 + turn.cross(arm(i)))
+        })
     }
 
     /// Transfers the forces on the nodes of a body's surface to its proxy nodes: `f` is that of a

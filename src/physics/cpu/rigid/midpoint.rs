@@ -20,6 +20,28 @@ use glam::{DMat3, DQuat, DVec3};
 /// Fixed-point iterations of a guess; each gains one order in the rotation.
 const FIXED_POINT_ITERATIONS: usize = 12;
 
+/// Motion of a body at the start of a step.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::physics::cpu) struct MidpointStart {
+    pub pose: Pose,
+    /// Momentum, and angular momentum about the pivot, ℓ₀.
+    pub sum: DVec3,
+    pub spin: DVec3,
+    /// Torque in the last step.
+    pub torque: DVec3,
+}
+
+/// Motion of a body at the end of a step.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::physics::cpu) struct MidpointEnd {
+    pub pose: Pose,
+    /// Velocity of the pivot, and angular velocity.
+    pub linear: DVec3,
+    pub angular: DVec3,
+    /// Torque in the step.
+    pub torque: DVec3,
+}
+
 impl RigidBodies {
     /// Returns the inertia of a body about its pivot, rotated by `turn`.
     fn inertia(&self, b: usize, turn: DQuat) -> DMat3 {
@@ -32,29 +54,39 @@ impl RigidBodies {
         sum * (body.mass / PROXY_NODES as f64)
     }
 
+    /// Returns the motion of a body with the velocities `v`.
+    pub fn midpoint_start<T: Real>(&self, b: usize, v: &[V4<T>]) -> MidpointStart {
+        let (sum, spin) = self.momentum(b, v);
+        MidpointStart {
+            pose: self.now[b],
+            sum,
+            spin,
+            torque: self.torques[b],
+        }
+    }
+
     /// Returns the displacements of a body's proxy nodes to which inertia alone pulls them in a
-    /// step of 2 `gamma`: from its pose, its velocities `v` and the torque of the previous step.
-    pub fn inertial_target<T: Real>(
+    /// step of 2 `gamma`: from its pose, its momenta and the torque of the previous step.
+    pub fn inertial_target(
         &self,
         b: usize,
         gamma: f64,
-        v: &[V4<T>],
+        start: &MidpointStart,
     ) -> [DVec3; PROXY_NODES] {
-        let (body, now) = (&self.bodies[b], &self.now[b]);
+        let (body, now) = (&self.bodies[b], &start.pose);
         let (pivot, within) = body.pivot(now);
-        let (sum, spin) = self.momentum(b, v);
         let mean = match body.freedom {
-            DegreesOfFreedom::Free => sum * (gamma / body.mass),
+            DegreesOfFreedom::Free => start.sum * (gamma / body.mass),
             _ => DVec3::ZERO,
         };
-        let expected = spin + self.torques[b] * gamma;
+        let expected = start.spin + start.torque * gamma;
         let mut by = DVec3::ZERO;
         for _ in 0..FIXED_POINT_ITERATIONS {
             let inertia = self.inertia(b, DQuat::from_scaled_axis(by) * now.rotation);
             by = rotation_response(inertia, expected, within) * gamma;
         }
         let turn = DQuat::from_scaled_axis(by) * now.rotation;
-        let on = rotation_response(self.inertia(b, turn), spin, within) * gamma - by;
+        let on = rotation_response(self.inertia(b, turn), start.spin, within) * gamma - by;
         let mut places = [DVec3::ZERO; PROXY_NODES];
         for (x, i) in places.iter_mut().zip(body.proxy_nodes()) {
             let r = self.lever_arms[i - self.first] - pivot;
@@ -64,45 +96,64 @@ impl RigidBodies {
         places
     }
 
+    /// Returns the end of a step of 2 `gamma` of a body that is not fixed, with the midpoint at
+    /// the pose `middle`.
+    pub fn midpoint_end(
+        &self,
+        b: usize,
+        gamma: f64,
+        start: &MidpointStart,
+        middle: &Pose,
+    ) -> MidpointEnd {
+        let (body, now) = (&self.bodies[b], &start.pose);
+        let (pivot, within) = body.pivot(now);
+        let step = (middle.rotation * now.rotation.inverse()).normalize();
+        // The shorter of the two rotations.
+        let step = if step.w < 0.0 { -step } else { step };
+        let by = within * step.to_scaled_axis();
+        let turn = (DQuat::from_scaled_axis(by) * middle.rotation).normalize();
+        let at = |pose: &Pose| pose.translation + pose.rotation * pivot;
+        let is_free = body.freedom == DegreesOfFreedom::Free;
+        let moved = match is_free {
+            true => at(middle) - at(now),
+            false => DVec3::ZERO,
+        };
+        let half = self.inertia(b, middle.rotation) * by / gamma;
+        let linear = match is_free {
+            true => moved * (2.0 / gamma) - start.sum / body.mass,
+            false => DVec3::ZERO,
+        };
+        MidpointEnd {
+            pose: Pose {
+                translation: at(now) + 2.0 * moved - turn * pivot,
+                rotation: turn,
+            },
+            linear,
+            angular: rotation_response(self.inertia(b, turn), 2.0 * half - start.spin, within),
+            torque: (half - start.spin) / gamma,
+        }
+    }
+
     /// Ends a step of 2 `gamma` with the midpoint at the best trial: stores the poses at the end as
     /// the best ones, and the velocities of the bodies' nodes there.
     pub fn extrapolate_end<T: Real>(&mut self, gamma: f64, before: &[V4<T>], after: &mut [V4<T>]) {
         for b in 0..self.bodies.len() {
-            let (now, middle) = (self.now[b], self.best[b]);
-            let (pivot, within) = self.bodies[b].pivot(&now);
-            let (sum, spin) = self.momentum(b, before);
-            let step = (middle.rotation * now.rotation.inverse()).normalize();
-            // The shorter of the two rotations.
-            let step = if step.w < 0.0 { -step } else { step };
-            let by = within * step.to_scaled_axis();
-            let turn = (DQuat::from_scaled_axis(by) * middle.rotation).normalize();
-            let at = |pose: &Pose| pose.translation + pose.rotation * pivot;
-            let free = self.bodies[b].freedom == DegreesOfFreedom::Free;
-            let moved = if free {
-                at(&middle) - at(&now)
-            } else {
-                DVec3::ZERO
-            };
-            let half = self.inertia(b, middle.rotation) * by / gamma;
-            self.torques[b] = (half - spin) / gamma;
-            self.best[b] = match self.bodies[b].freedom {
-                DegreesOfFreedom::Fixed => now,
-                _ => Pose {
-                    translation: at(&now) + 2.0 * moved - turn * pivot,
-                    rotation: turn,
-                },
-            };
-            let linear = moved * (2.0 / gamma) - sum / self.bodies[b].mass;
-            let spin = rotation_response(self.inertia(b, turn), 2.0 * half - spin, within);
             let body = &self.bodies[b];
-            for i in body.nodes.clone().chain(body.inner.clone()) {
-                let a = turn * (self.lever_arms[i - self.first] - pivot);
-                let own = if free { linear } else { DVec3::ZERO };
-                after[i] = match body.freedom {
-                    DegreesOfFreedom::Fixed => to_v4(DVec3::ZERO),
-                    _ => to_v4(own + spin.cross(a)),
-                };
+            let nodes = body.nodes.clone().chain(body.inner.clone());
+            if body.freedom == DegreesOfFreedom::Fixed {
+                nodes.for_each(|i| after[i] = to_v4(DVec3::ZERO));
+                self.best[b] = self.now[b];
+                self.torques[b] = DVec3::ZERO;
+                continue;
             }
+            let start = self.midpoint_start(b, before);
+            let end = self.midpoint_end(b, gamma, &start, &self.best[b]);
+            let (pivot, _) = body.pivot(&start.pose);
+            for i in nodes {
+                let arm = end.pose.rotation * (self.lever_arms[i - self.first] - pivot);
+                after[i] = to_v4(end.linear + end.angular.cross(arm));
+            }
+            (self.best[b], self.torques[b]) = (end.pose, end.torque);
         }
     }
 

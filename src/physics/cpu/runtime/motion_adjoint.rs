@@ -4,6 +4,7 @@ use super::energy_guard::StepFailure;
 use super::static_adjoint::{AdjointSeed, AdjointSolution};
 use super::steppable::TetBody;
 use crate::Result;
+use crate::physics::cpu::rigid::pose::Pose;
 use crate::physics::cpu::vectors::V4;
 use crate::physics::{DiscreteModel, NewtonSettings, StepRecord};
 use glam::DVec3;
@@ -23,6 +24,8 @@ pub(in crate::physics) struct StepParts {
     pub unprojected: bool,
     /// The exact Hessian of self-contact.
     pub pairs: bool,
+    /// The dependence of friction on positions through its normal forces and normals.
+    pub friction: bool,
 }
 
 impl Default for StepParts {
@@ -34,6 +37,7 @@ impl Default for StepParts {
             history: true,
             unprojected: true,
             pairs: true,
+            friction: true,
         }
     }
 }
@@ -47,6 +51,11 @@ pub(in crate::physics) struct MotionState {
     pub(in crate::physics::cpu) change: Vec<V4<f64>>,
     /// Length of the last step; 0 for none, or if the scheme does not use it.
     pub(in crate::physics::cpu) last: f64,
+    /// Time from the start of the last step to the evaluation of its forces; 0 for none.
+    pub(in crate::physics::cpu) time: f64,
+    /// Poses of rigid bodies, and the torques on them in the last step, for the midpoint rule.
+    pub(in crate::physics::cpu) poses: Vec<Pose>,
+    pub(in crate::physics::cpu) torques: Vec<DVec3>,
 }
 
 /// Derivatives of a quantity by a [`MotionState`].
@@ -57,6 +66,8 @@ pub(in crate::physics) struct StateAdjoint {
     /// By the change of the velocities and the displacement in the last step.
     pub(in crate::physics::cpu) change: Vec<V4<f64>>,
     pub(in crate::physics::cpu) moved: Vec<V4<f64>>,
+    /// By the torques on rigid bodies in the last step.
+    pub(in crate::physics::cpu) torques: Vec<DVec3>,
 }
 
 /// Derivatives of a quantity by what enters one step, in SI units and the network's node order.

@@ -14,6 +14,8 @@ pub(in crate::physics) struct TangentParts {
     pub pairs: bool,
     /// The rotation of the forces on rigid bodies.
     pub rotations: bool,
+    /// In a step: the dependence of friction on positions.
+    pub friction: bool,
 }
 
 impl Default for TangentParts {
@@ -23,6 +25,7 @@ impl Default for TangentParts {
             loads: true,
             pairs: true,
             rotations: true,
+            friction: true,
         }
     }
 }
@@ -68,6 +71,8 @@ pub(in crate::physics) struct AdjointSolution {
     pub tools: Vec<ToolSlopes>,
     /// By area times Young's modulus of each boundary face, 1/N; empty without contact.
     pub faces: Vec<f64>,
+    /// By the speed below which friction is static, s/m.
+    pub static_speed: f64,
     /// By the Lamé parameters of each element through the damping of a step; empty without.
     pub lame: Vec<[f64; 2]>,
     /// By each amplitude.
