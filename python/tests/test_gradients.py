@@ -94,6 +94,34 @@ def test_gradient_of_motion_matches_differences() -> None:
     assert 0 < total.value / found.value < 0.05
 
 
+def test_gradient_of_motion_along_paths_matches_differences() -> None:
+    low, high = (np.array(corner) for corner in block().mesh.bounds)
+    thick = high[2] - low[2]
+    x, y = 0.5 * (low + high)[:2]
+
+    def pressed(young: float = 1e4, shift: float = 0.0) -> palpate.Simulator:
+        path = [
+            [0.0, x + shift, y, high[2] + 0.42 * thick],
+            [0.05, x + shift + 0.1 * thick, y, high[2] + 0.36 * thick],
+        ]
+        tool = {"shape": "sphere", "radius": 0.4 * thick, "friction": 0.3, "path": path}
+        scene = block(young=young).scene.updated({"solver.dt": 0.01, "tool": [tool]})
+        return palpate.Simulator(scene, precision="double")
+
+    simulator = pressed()
+    force = gradients.ToolForce(0, (1, 0, 1))
+    by = [gradients.Young(region=0), gradients.ToolPosition(0, (1, 0, 0))]
+    found = simulator.gradient_of_motion(5, force, by)
+    assert simulator.time == pytest.approx(0.05)
+    assert abs(found.value) > 1e-3
+    none: list[gradients.Parameter] = []
+    values = [pressed(1e4 + by).gradient_of_motion(5, force, none).value for by in (10, -10)]
+    assert found.derivatives[0] == pytest.approx((values[0] - values[1]) / 20, rel=1e-3)
+    h = 1e-5 * thick
+    values = [pressed(shift=by).gradient_of_motion(5, force, none).value for by in (h, -h)]
+    assert found.derivatives[1] == pytest.approx((values[0] - values[1]) / (2 * h), rel=1e-3)
+
+
 def test_refusals_say_what_to_do() -> None:
     simulator = block()
     simulator.advance(1)

@@ -77,6 +77,7 @@ pub use simulator::capability::Capability;
 pub use simulator::checkpoint::Checkpointing;
 pub use simulator::contact::Contact;
 pub use simulator::engine::Engine;
+pub(crate) use simulator::gradients::LoadSchedule;
 pub use simulator::gradients::{Gradient, Gradients, Parameter, Quantity};
 pub use simulator::joints::Joints;
 pub use simulator::member::{Member, MemberReport};

@@ -192,13 +192,6 @@ impl Motion {
         Ok(())
     }
 
-    /// Whether no load depends on time, nothing is grabbed, and no tool moves freely.
-    pub(crate) fn has_constant_loads(&self) -> bool {
-        self.attachments.is_empty()
-            && !self.time_dependent_loads.is_time_dependent()
-            && self.dynamic_tools.is_empty()
-    }
-
     /// Whether the body sleeps: time advances without simulation until the body is disturbed. It
     /// falls asleep when its static forces are balanced and its kinetic energy is negligible; with
     /// tools on the GPU or rapier, where the balance is unknown, it stays awake.

@@ -6,7 +6,7 @@ use super::trajectory::{RigidTrajectory, second_difference, value_at};
 use super::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, Scene, TimeSeries};
 use crate::mesh::{BoundaryFace, Location, TetMesh, Topology};
 use crate::physics::{
-    AmplitudeId, Capability, Muscle, PrescribedMotionId, ScaledLoad, Simulator, SolverKind,
+    AmplitudeId, Capability, Loads, Muscle, PrescribedMotionId, ScaledLoad, Simulator, SolverKind,
 };
 use crate::{Error, Result};
 use glam::DVec3;
@@ -96,6 +96,18 @@ impl TimeDependentLoads {
 
     /// Sets all loads for the step of `dt` seconds (or 0) that begins at `time`.
     pub fn apply(&self, body: &mut dyn Simulator, time: f64, dt: f64) -> Result<()> {
+        let kind = body.integrator();
+        self.set_loads(body.loads_mut(), kind, (time, dt))
+    }
+
+    /// Sets all loads for the step of `dt` seconds (or 0) of the scheme `kind` that begins at
+    /// `time`.
+    pub fn set_loads(
+        &self,
+        loads: &mut Loads,
+        kind: SolverKind,
+        (time, dt): (f64, f64),
+    ) -> Result<()> {
         for scheduled_motion in &self.scheduled_motions {
             let now = scheduled_motion.positions_at(time);
             let velocities: Vec<DVec3> = match dt > 0.0 {
@@ -105,24 +117,20 @@ impl TimeDependentLoads {
                     then.iter().zip(&now).map(|(b, a)| (*b - *a) / dt).collect()
                 }
             };
-            body.loads_mut()
-                .set_prescribed_motion(scheduled_motion.id, &now, &velocities)?;
+            loads.set_prescribed_motion(scheduled_motion.id, &now, &velocities)?;
         }
         // Tools without a path are controlled interactively.
         for tool in self.tools.iter().filter(|tool| tool.moves()) {
-            body.loads_mut()
-                .set_tool_target(tool.id, tool.pose(time + dt))?;
+            loads.set_tool_target(tool.id, tool.pose(time + dt))?;
         }
         // Time within the step at which the scheme evaluates forces.
-        let kind = body.integrator();
         let at = match kind {
             SolverKind::Midpoint => time + 0.5 * dt,
             kind if kind.is_implicit() => time + dt,
             _ => time,
         };
         for (id, course) in &self.levels {
-            let loads = Capability::Pressure.require(body.scaled_loads())?;
-            loads.set_amplitude(*id, course.at(at))?;
+            loads.set_amplitude(*id, course.at(at));
         }
         Ok(())
     }

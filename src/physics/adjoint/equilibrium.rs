@@ -26,13 +26,13 @@ pub(super) struct Equilibrium<'a> {
     pub tools: &'a [Tool],
     /// Boundary faces.
     pub faces: &'a [[u32; 3]],
-    /// Muscles with their activations.
-    pub muscles: Vec<(&'a Muscle, f64)>,
+    /// Muscles with the indices of their amplitudes.
+    pub muscles: Vec<(&'a Muscle, usize)>,
     pub has_self_contact: bool,
     /// Coefficient of friction of self-contact.
     pub self_friction: f64,
-    /// Number of amplitudes.
-    pub amplitudes: usize,
+    /// Amplitudes of pressures and muscles.
+    pub amplitudes: Vec<f64>,
     pub gravity: DVec3,
     pub pinned: &'a [bool],
     /// Nodes that are pinned or held.

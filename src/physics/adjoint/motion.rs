@@ -8,7 +8,8 @@ use super::equilibrium::{Equilibrium, MeasuredForces};
 use super::parameters::{ModelNumbers, Sensitivity};
 use super::quantities::prepare;
 use crate::physics::cpu::{
-    AdjointSeed, MotionAdjoint, MotionState, StateAdjoint, StepFailure, StepParts,
+    AdjointSeed, LoadUpdate, MotionAdjoint, MotionState, StateAdjoint, StepFailure, StepLoads,
+    StepParts,
 };
 use crate::physics::{Gradient, Parameter, Quantity, SolverKind, StepRecord};
 use crate::progress::{ProgressFn, ProgressScope};
@@ -67,10 +68,13 @@ pub(super) struct MotionResult {
 
 /// Runs the motion of `body`, whose engine is `engine`, forward and back. The engine ends at the
 /// end of the motion, also if the gradient fails.
+///
+/// `loads` returns those of the step of an index, if they change.
 pub(super) fn gradient_of_motion(
     body: Equilibrium<'_>,
     engine: &mut dyn MotionAdjoint,
     task: &MotionTask<'_>,
+    loads: &mut dyn FnMut(u32) -> Result<Option<LoadUpdate>>,
 ) -> MotionResult {
     let mut result = MotionResult {
         taken: 0,
@@ -96,6 +100,7 @@ pub(super) fn gradient_of_motion(
         body,
         engine,
         task,
+        loads,
         segment: segment.max(1),
         states: vec![first],
         checkpoints: Vec::new(),
@@ -109,6 +114,9 @@ pub(super) fn gradient_of_motion(
     result.gradient = forward.and_then(|()| {
         let end = pass.engine.serialise_state()?;
         let reverse = pass.reverse(&mut result.computed);
+        // A state resumes with the loads of its last step.
+        let last = (pass.loads)(task.steps - 1)?;
+        pass.engine.begin_step(last)?;
         pass.engine.resume(&end)?;
         reverse
     });
@@ -190,6 +198,7 @@ struct Pass<'a, 'b> {
     body: Equilibrium<'a>,
     engine: &'b mut dyn MotionAdjoint,
     task: &'b MotionTask<'b>,
+    loads: &'b mut dyn FnMut(u32) -> Result<Option<LoadUpdate>>,
     numbers: ModelNumbers,
     /// Number of steps whose states are kept.
     segment: u32,
@@ -212,25 +221,32 @@ impl Pass<'_, '_> {
                 self.checkpoints.push(self.engine.serialise_state()?);
                 self.states.drain(..self.states.len() - 1);
             }
-            let done = self.engine.motion_step(self.task.dt);
-            result.last = Some(done.map_err(|why| (self.task.error)(why, i))?);
+            result.last = Some(self.step(i)?);
             result.taken += 1;
             result.computed += 1;
-            self.states.push(self.engine.motion_state());
         }
         Ok(())
+    }
+
+    /// Takes the step of index `i`, and keeps its state.
+    fn step(&mut self, i: u32) -> Result<StepRecord> {
+        let change = (self.loads)(i)?;
+        let loads = self.engine.begin_step(change)?;
+        let done = self.engine.motion_step(self.task.dt);
+        let record = done.map_err(|why| (self.task.error)(why, i))?;
+        self.states.push(self.engine.motion_state(loads));
+        Ok(record)
     }
 
     /// Takes the steps of a segment again.
     fn recompute(&mut self, k: usize, computed: &mut u32) -> Result<()> {
         self.engine.resume(&self.checkpoints[k])?;
         self.states.clear();
-        self.states.push(self.engine.motion_state());
+        self.states
+            .push(self.engine.motion_state(StepLoads::default()));
         for i in 0..self.segment {
-            let done = self.engine.motion_step(self.task.dt);
-            done.map_err(|why| (self.task.error)(why, k as u32 * self.segment + i))?;
+            self.step(k as u32 * self.segment + i)?;
             *computed += 1;
-            self.states.push(self.engine.motion_state());
         }
         Ok(())
     }
@@ -264,6 +280,7 @@ impl Pass<'_, '_> {
     /// Adds the quantity after the step `j` of the segment, and its own derivatives.
     fn add_quantity(&mut self, j: usize, weight: f64) -> Result<()> {
         self.engine.show_state(&self.states[j])?;
+        self.set_levels(j);
         self.body.x = self.engine.positions();
         self.body.inertia.clear();
         self.body.forces = MeasuredForces {
@@ -279,13 +296,22 @@ impl Pass<'_, '_> {
         add_derivatives(&mut self.sums, &sensitivity, self.task.parameters, weight)
     }
 
+    /// Sets the amplitudes of the body to those of the step `j` of the segment.
+    fn set_levels(&mut self, j: usize) {
+        let levels = self.states[j].levels();
+        if levels.len() == self.body.amplitudes.len() {
+            self.body.amplitudes.copy_from_slice(levels);
+        }
+    }
+
     /// Turns the derivatives by the state after the step `j` of the segment into those by the state
     /// before it.
     fn reverse_step(&mut self, j: usize) -> Result<()> {
         let seed = AdjointSeed {
-            amplitudes: self.body.amplitudes,
+            amplitudes: self.body.amplitudes.len(),
             ..AdjointSeed::default()
         };
+        self.set_levels(j);
         let with = (self.body.network, &seed, self.task.parts);
         let states = [&self.states[j - 1], &self.states[j]];
         let found = self

@@ -98,7 +98,7 @@ impl Equilibrium<'_> {
                 }
             }
             Parameter::Gravity { .. } => Ok(()),
-            Parameter::Amplitude(id) if id.0 < self.amplitudes => Ok(()),
+            Parameter::Amplitude(id) if id.0 < self.amplitudes.len() => Ok(()),
             Parameter::Amplitude(id) => Err(Error::Input(format!(
                 "unknown amplitude {}: this body has no such pressure or muscle",
                 id.0

@@ -52,7 +52,7 @@ impl PreparedQuantity {
             PreparedQuantity::Function(function) => {
                 let seed = AdjointSeed {
                     gradient: function.gradient(body),
-                    amplitudes: body.amplitudes,
+                    amplitudes: body.amplitudes.len(),
                     ..AdjointSeed::default()
                 };
                 let value = function.value(body, body.network, &body.x);
@@ -70,7 +70,7 @@ pub(super) fn prepare(quantity: &Quantity, body: &Equilibrium<'_>) -> Result<Pre
     let function = |f: Box<dyn StateFunction>| Ok(PreparedQuantity::Function(f));
     let seed = AdjointSeed {
         gradient: vec![DVec3::ZERO; body.x.len()],
-        amplitudes: body.amplitudes,
+        amplitudes: body.amplitudes.len(),
         ..AdjointSeed::default()
     };
     match quantity {

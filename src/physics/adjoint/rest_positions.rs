@@ -120,9 +120,9 @@ fn potential(sensitivity: &Sensitivity<'_>, model: &DiscreteModel) -> f64 {
     let muscles: f64 = body
         .muscles
         .iter()
-        .map(|(muscle, activation)| {
+        .map(|(muscle, level)| {
             let tets = muscle.fibres.iter();
-            let strength = activation * muscle.tension;
+            let strength = body.amplitudes[*level] * muscle.tension;
             tets.map(|(t, m)| strength * muscle_work(sensitivity, model, *t, *m))
                 .sum::<f64>()
         })

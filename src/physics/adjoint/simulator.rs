@@ -4,10 +4,11 @@ use super::equilibrium::{Equilibrium, MeasuredForces, check_balance, elements_of
 use super::motion::{MotionQuantity, MotionTask, STATE_MEMORY, gradient_of_motion};
 use super::parameters::gradient;
 use crate::mesh::TetMesh;
-use crate::physics::cpu::{BodyModel, CpuTetModel, StepFailure, StepParts};
+use crate::physics::cpu::{BodyModel, CpuTetModel, StepFailure, StepParts, step_load_update};
 use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
-    CpuTets, Gradient, Gradients, Loads, Parameter, Precision, Quantity, ScaledLoad, Simulator,
+    CpuTets, Gradient, Gradients, LoadSchedule, Loads, Parameter, Precision, Quantity, ScaledLoad,
+    Simulator,
 };
 use crate::progress::ProgressFn;
 use crate::{Error, Result};
@@ -38,6 +39,7 @@ impl Gradients for CpuTets {
         quantity: &Quantity,
         integral: bool,
         parameters: &[Parameter],
+        schedule: Option<LoadSchedule<'_>>,
         progress: ProgressFn<'_>,
     ) -> Result<Gradient> {
         check_time_step(dt)?;
@@ -57,6 +59,25 @@ impl Gradients for CpuTets {
                 cause,
                 what,
                 advice: self.model.failure_advice(dt, &self.loads),
+            }
+        };
+        let mut loads = self.loads.clone();
+        let constant = |loads: &Loads| {
+            let versions = loads.versions;
+            (versions.constraints, versions.forces)
+        };
+        let unchanged = constant(&loads);
+        let mut schedule = schedule;
+        let mut of_step = |step: u32| {
+            let Some(schedule) = &mut schedule else {
+                return Ok(None);
+            };
+            schedule(step, &mut loads)?;
+            match constant(&loads) == unchanged {
+                true => Ok(Some(step_load_update(&loads))),
+                false => Err(Error::Input(
+                    "a gradient of a motion requires constant forces and supports: only the paths of supports and tools, pressures and activations may change".into(),
+                )),
             }
         };
         let done = {
@@ -80,8 +101,10 @@ impl Gradients for CpuTets {
                 error: &error,
             };
             let adjoint = body.motion_adjoint().ok_or_else(single_precision)?;
-            gradient_of_motion(moving, adjoint, &task)
+            gradient_of_motion(moving, adjoint, &task, &mut of_step)
         };
+        self.loads = loads;
+        self.synced_loads = Some(self.loads.versions);
         self.progress = self.worker.count_steps(done.taken, dt, done.last);
         self.changes += 1;
         self.upload_now()?;
@@ -121,9 +144,9 @@ fn equilibrium<'a>(
     faces: &'a [[u32; 3]],
     (x, forces): (Vec<DVec3>, MeasuredForces),
 ) -> Equilibrium<'a> {
-    let all = model.scaled_loads.iter().zip(loads.amplitudes());
-    let muscles = all.filter_map(|(load, amplitude)| match load {
-        ScaledLoad::Muscle(muscle) => Some((muscle, *amplitude)),
+    let all = model.scaled_loads.iter().zip(0..);
+    let muscles = all.filter_map(|(load, level)| match load {
+        ScaledLoad::Muscle(muscle) => Some((muscle, level)),
         ScaledLoad::Pressure(_) => None,
     });
     Equilibrium {
@@ -136,7 +159,7 @@ fn equilibrium<'a>(
         muscles: muscles.collect(),
         has_self_contact: model.self_contact.is_some(),
         self_friction: model.self_contact.as_ref().map_or(0.0, |own| own.friction),
-        amplitudes: model.scaled_loads.len(),
+        amplitudes: loads.amplitudes().to_vec(),
         gravity: loads.gravity(),
         pinned: loads.pinned(),
         fixed: loads.fixed_nodes(),

@@ -6,6 +6,7 @@ mod contact_tests;
 mod faults;
 mod load_tests;
 mod material_tests;
+mod motion_contact_tests;
 mod motion_faults;
 mod motion_tests;
 
@@ -55,6 +56,8 @@ pub(super) struct Case {
     /// Displacements and velocities at the start of a motion, file units; empty for a body at rest.
     pub offsets: Vec<DVec3>,
     pub velocities: Vec<DVec3>,
+    /// Whether the far pins, the tool and the amplitudes move and change in a motion.
+    pub is_driven: bool,
     /// Factor of the steps of differences: small where contact or an eigenvalue changes its sign.
     pub difference: f64,
 }
@@ -108,6 +111,7 @@ pub(super) fn bar(model: MaterialModel) -> Case {
         dt: 1e4,
         offsets: Vec::new(),
         velocities: Vec::new(),
+        is_driven: false,
         difference: 1.0,
     }
 }
@@ -255,7 +259,7 @@ impl Case {
         terms: &'a [Arc<dyn NodeTerm>],
         tools: &'a [Tool],
     ) -> Equilibrium<'a> {
-        let muscles = self.muscle.iter().map(|(muscle, a)| (muscle, *a));
+        let muscles = self.muscle.iter().map(|(muscle, _)| (muscle, 1));
         Equilibrium {
             mesh: &self.mesh,
             material: &self.material,
@@ -266,7 +270,7 @@ impl Case {
             muscles: muscles.collect(),
             has_self_contact: self.self_contact.is_some(),
             self_friction: self.self_contact.as_ref().map_or(0.0, |own| own.friction),
-            amplitudes: 2,
+            amplitudes: self.amplitudes(),
             gravity: self.gravity,
             pinned: &self.pinned,
             fixed: self.pinned.clone(),

@@ -1,5 +1,7 @@
 //! Potentials of contact and friction per unit stiffness or force, with two derivatives each.
 
+use glam::{DMat3, DVec3};
+
 /// Relative gap below which the barrier of tools is replaced by its quadratic extension.
 const QUADRATIC_BELOW_TOOL: f64 = 0.2;
 
@@ -93,6 +95,24 @@ impl FrictionMollifier {
             value: static_speed * (y * y - y * y * y / 3.0 + 1.0 / 3.0),
             slope_over_speed: (2.0 - y) / static_speed,
             second_derivative: (2.0 - 2.0 * y) / static_speed,
+        }
+    }
+
+    /// Returns the derivative of the force direction, which is [`FrictionMollifier::slope_over_speed`]
+    /// times the velocity `slide`, by `slide`.
+    pub fn direction_slope(&self, slide: DVec3) -> DMat3 {
+        let along = slide.normalize_or_zero();
+        let along = DMat3::from_cols(along * along.x, along * along.y, along * along.z);
+        DMat3::IDENTITY * self.slope_over_speed
+            + along * (self.second_derivative - self.slope_over_speed)
+    }
+
+    /// Returns the derivative of [`FrictionMollifier::slope_over_speed`] at the speed `v` by the
+    /// threshold speed.
+    pub fn slope_by_threshold(v: f64, static_speed: f64) -> f64 {
+        match v < static_speed {
+            true => 2.0 * (v / static_speed - 1.0) / (static_speed * static_speed),
+            false => 0.0,
         }
     }
 

@@ -37,14 +37,20 @@ pub(super) use node_constraints::check_attachments;
 #[cfg(feature = "rapier")]
 pub(super) use rigid::closest_rotation::closest_rotation;
 pub(super) use runtime::energy_guard::StepFailure;
-pub(super) use runtime::motion_adjoint::{MotionAdjoint, MotionState, StateAdjoint, StepParts};
+pub(super) use runtime::load_sync::step_load_update;
+pub(super) use runtime::motion_adjoint::{
+    MotionAdjoint, MotionState, StateAdjoint, StepLoads, StepParts,
+};
 #[cfg(test)]
 pub(super) use runtime::static_adjoint::TangentParts;
 pub(super) use runtime::static_adjoint::{AdjointSeed, AdjointSolution, StaticAdjoint};
+pub(super) use runtime::steppable::LoadUpdate;
+#[cfg(any(test, feature = "rapier"))]
+pub(super) use runtime::steppable::Steppable;
 #[cfg(test)]
 pub(super) use runtime::steppable::TetBody;
 #[cfg(feature = "rapier")]
-pub(super) use runtime::steppable::{LoadUpdate, Steppable, ToolTarget};
+pub(super) use runtime::steppable::ToolTarget;
 pub(super) use runtime::threaded_simulator::BodyModel;
 #[cfg(feature = "rapier")]
 pub(super) use runtime::threaded_simulator::ThreadedSimulator;

@@ -270,7 +270,8 @@ impl Loads {
         &self.levels
     }
 
-    pub(super) fn set_amplitude(&mut self, id: AmplitudeId, level: f64) {
+    /// Sets an amplitude, which the body has to accept.
+    pub(crate) fn set_amplitude(&mut self, id: AmplitudeId, level: f64) {
         if let Some(own) = self.levels.get_mut(id.0).filter(|own| **own != level) {
             *own = level;
             self.versions.levels += 1;

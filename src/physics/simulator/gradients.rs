@@ -1,7 +1,7 @@
 //! Gradients of a quantity of a body at rest or in motion by its parameters.
 
 use crate::Result;
-use crate::physics::{AmplitudeId, ToolId};
+use crate::physics::{AmplitudeId, Loads, ToolId};
 use crate::progress::ProgressFn;
 use glam::DVec3;
 
@@ -153,6 +153,9 @@ pub struct Gradient {
     pub iterations: u32,
 }
 
+/// Sets the loads of the step of an index.
+pub(crate) type LoadSchedule<'a> = &'a mut dyn FnMut(u32, &mut Loads) -> Result<()>;
+
 /// Gradients by the adjoint method: one linear solve for any number of parameters, in a motion one
 /// for each step.
 pub trait Gradients {
@@ -165,16 +168,18 @@ pub trait Gradients {
     /// and if the linear solve does not converge.
     fn gradient(&mut self, quantity: &Quantity, parameters: &[Parameter]) -> Result<Gradient>;
 
-    /// Takes a number of steps of a length in seconds from the current state, with constant loads
-    /// and to a residual of 1e-10, and returns a quantity at their end and its derivatives by
+    /// Takes a number of steps of a length in seconds from the current state, with constant loads or
+    /// those that `schedule` sets for the step of an index (prescribed motions, tool targets and
+    /// amplitudes; several times for a step), and to a residual of 1e-10, and returns a quantity at their end and its derivatives by
     /// parameters. If `integral`, the quantity is integrated over time: summed after every step, times
-    /// the length of the step, s. It keeps up to 1 GiB of states; a longer motion is computed twice.
+    /// the length of the step, s. A parameter of a support, tool, pressure or muscle that moves or
+    /// changes is a shift of its whole path. It keeps up to 1 GiB of states; a longer motion is computed twice.
     /// `progress` gets the fraction of both passes.
     ///
     /// # Errors
     /// [`Error::Solver`](crate::Error::Solver) if a step fails;
     /// [`Error::Input`](crate::Error::Input) as [`Gradients::gradient`], and for a body of springs,
-    /// with rigid regions, friction, moving supports or tools, which have no gradient of a motion;
+    /// and combinations that have no gradient of a motion;
     /// [`Error::Cancelled`](crate::Error::Cancelled). The body keeps the steps that were taken.
     fn gradient_of_motion(
         &mut self,
@@ -182,6 +187,7 @@ pub trait Gradients {
         quantity: &Quantity,
         integral: bool,
         parameters: &[Parameter],
+        schedule: Option<LoadSchedule<'_>>,
         progress: ProgressFn<'_>,
     ) -> Result<Gradient>;
 

@@ -2,7 +2,8 @@
 
 use super::load_tests::pressed_bar;
 use super::material_tests::quantities;
-use super::motion_tests::{bar_against_sphere, damped, falling_clip, moving};
+use super::motion_contact_tests::{bar_against_sphere, falling_clip};
+use super::motion_tests::{damped, moving};
 use super::*;
 use crate::physics::adjoint::motion::MotionQuantity;
 use crate::physics::cpu::StepParts;

@@ -7,14 +7,15 @@ use crate::Error;
 use crate::physics::adjoint::motion::{
     MotionQuantity, MotionResult, MotionTask, gradient_of_motion,
 };
-use crate::physics::cpu::{StepFailure, StepParts};
-use crate::physics::{AmplitudeId, Shape, ToolId, VolumetricFormulation};
+use crate::physics::cpu::{StepFailure, StepParts, Steppable};
+use crate::physics::{AmplitudeId, Shape, VolumetricFormulation};
 use crate::progress::no_progress;
 use MotionQuantity::{AtEnd, Integral};
 
-const TOLERANCE: f64 = 1e-6;
+pub(super) const TOLERANCE: f64 = 1e-6;
 
-const SCHEMES: [SolverKind; 3] = [SolverKind::Implicit, SolverKind::Bdf2, SolverKind::Midpoint];
+pub(super) const SCHEMES: [SolverKind; 3] =
+    [SolverKind::Implicit, SolverKind::Bdf2, SolverKind::Midpoint];
 
 /// Returns the case moving from a deformed state, in short steps of `kind`.
 pub(super) fn moving(mut case: Case, kind: SolverKind) -> Case {
@@ -45,7 +46,7 @@ pub(super) fn damped(mut case: Case) -> Case {
 }
 
 /// Returns the quantities of elements at the end or over time, without those of damped supports.
-fn of_motion(case: &Case) -> Vec<MotionQuantity> {
+pub(super) fn of_motion(case: &Case) -> Vec<MotionQuantity> {
     let mut at_end = quantities(case);
     at_end.extend(stresses(case));
     let is_damped = case.material.damping_time > 0.0;
@@ -66,7 +67,7 @@ fn of_start(case: &Case) -> Vec<Parameter> {
 }
 
 /// Returns all parameters of a case without loads and tools.
-fn of_body(case: &Case) -> Vec<Parameter> {
+pub(super) fn of_body(case: &Case) -> Vec<Parameter> {
     let mut all = parameters(case);
     all.extend(poisson(case));
     all.extend(of_start(case));
@@ -77,11 +78,14 @@ fn of_body(case: &Case) -> Vec<Parameter> {
 
 impl Case {
     /// Returns the values of quantities of the motion.
-    fn motion_values(&self, all: &[MotionQuantity]) -> Vec<f64> {
+    pub(super) fn motion_values(&self, all: &[MotionQuantity]) -> Vec<f64> {
         let at_once: Vec<Quantity> = all.iter().map(|q| q.at_one_time().clone()).collect();
         let mut settled = self.start();
         let mut sums = vec![0.0; all.len()];
         for step in 1..=self.steps {
+            if let Some(change) = self.step_loads(&settled.network, step - 1) {
+                settled.body.apply_loads(change).unwrap();
+            }
             settled.body.run(1, self.dt).unwrap();
             let values = self.values(&settled, &at_once);
             for ((sum, value), quantity) in sums.iter_mut().zip(values).zip(all) {
@@ -122,7 +126,9 @@ impl Case {
             progress: &no_progress,
             error: &|failure: StepFailure, _| Error::Input(failure.to_string()),
         };
-        gradient_of_motion(at_start, body, &task)
+        gradient_of_motion(at_start, body, &task, &mut |step| {
+            Ok(self.step_loads(network, step))
+        })
     }
 
     pub(super) fn motion_gradient(
@@ -144,11 +150,16 @@ impl Case {
     }
 
     /// As [`Case::check`], of a motion.
-    fn check_motion(&self, all: &[MotionQuantity], parameters: &[Parameter]) {
+    pub(super) fn check_motion(&self, all: &[MotionQuantity], parameters: &[Parameter]) {
         self.check_motion_to(TOLERANCE, all, parameters);
     }
 
-    fn check_motion_to(&self, tolerance: f64, all: &[MotionQuantity], parameters: &[Parameter]) {
+    pub(super) fn check_motion_to(
+        &self,
+        tolerance: f64,
+        all: &[MotionQuantity],
+        parameters: &[Parameter],
+    ) {
         let differences = self.motion_differences(all, parameters);
         let values = self.motion_values(all);
         let mut worst: f64 = 0.0;
@@ -248,154 +259,6 @@ fn gradients_of_motion_on_floor_match_differences() {
     case.check_motion(&of_motion(&case)[..4], &by);
 }
 
-/// Returns the bar moving up against a sphere with a coefficient of friction.
-pub(super) fn bar_against_sphere(kind: SolverKind, friction: f64) -> Case {
-    let mut case = super::contact_tests::tool_on_bar(Shape::Sphere { radius: 0.02 }, friction);
-    let tool = case.tool.as_mut().unwrap();
-    let above = tool.pose.position() + DVec3::new(0.0, 0.0, 0.006);
-    tool.pose = ToolPose::new(above, tool.pose.rotation());
-    case.gravity.z = 60.0;
-    let mut case = moving(case, kind);
-    case.difference = 0.03;
-    for (u, v) in case.offsets.iter_mut().zip(&mut case.velocities) {
-        (u.z, v.z) = (0.2 * u.z, v.z.abs());
-    }
-    case
-}
-
-#[test]
-fn gradients_of_motion_with_friction_match_differences() {
-    for kind in SCHEMES {
-        let case = bar_against_sphere(kind, 0.3);
-        let force = Quantity::ToolForce {
-            tool: ToolId(0),
-            direction: DVec3::new(1.0, -0.6, 0.3),
-        };
-        let of = [
-            AtEnd(force.clone()),
-            Integral(force),
-            of_motion(&case).remove(1),
-        ];
-        let mut by = of_body(&case);
-        by.extend(super::contact_tests::tool_parameters());
-        by.pop();
-        if kind != SolverKind::Implicit {
-            by = by.into_iter().step_by(3).collect();
-        }
-        case.check_motion(&of, &by);
-        let smooth = bar_against_sphere(kind, 0.0);
-        let [with, without] = [&case, &smooth].map(|case| case.motion_values(&of)[2]);
-        assert!((with / without - 1.0).abs() > 1e-3, "{with} {without}");
-    }
-}
-
-#[test]
-fn gradients_of_motion_in_self_contact_with_friction_match_differences() {
-    let mut case = falling_clip();
-    case.self_contact.as_mut().unwrap().friction = 0.3;
-    case.steps = 4;
-    let by = of_body(&case).into_iter();
-    let by = by.filter(|p| !matches!(p, Parameter::RestPosition { .. }));
-    let by: Vec<Parameter> = by.step_by(2).collect();
-    case.check_motion_to(10.0 * TOLERANCE, &of_motion(&case)[1..4], &by);
-}
-
-#[test]
-fn gradients_of_motion_against_tool_match_differences() {
-    for kind in SCHEMES {
-        let case = bar_against_sphere(kind, 0.0);
-        let force = Quantity::ToolForce {
-            tool: ToolId(0),
-            direction: DVec3::new(0.2, 0.1, 1.0),
-        };
-        let of = [
-            AtEnd(force.clone()),
-            Integral(force),
-            of_motion(&case).remove(1),
-        ];
-        assert!(case.motion_values(&of).iter().all(|f| f.abs() > 1e-4));
-        let mut by = of_body(&case);
-        by.extend(super::contact_tests::tool_parameters());
-        // A sphere has no derivative by its rotation.
-        by.pop();
-        case.check_motion(&of, &by);
-    }
-}
-
-/// Returns the bar with a rigid second half that turns.
-pub(super) fn moving_bone(kind: SolverKind) -> Case {
-    let mut case = moving(super::load_tests::bar_with_bone(), kind);
-    let network = DiscreteModel::new(&case.mesh, &case.material).unwrap();
-    let spin = DVec3::new(2.0, -3.0, 1.5);
-    for v in network.rigid_bodies().iter().flat_map(|b| &b.nodes) {
-        let v = *v as usize;
-        case.offsets[v] = DVec3::new(0.0, 0.0, 5e-4);
-        let arm = case.mesh.nodes[v] - DVec3::new(0.06, 0.03, 0.025);
-        case.velocities[v] = spin.cross(arm) + DVec3::new(0.0, 0.02, 0.0);
-    }
-    case
-}
-
-#[test]
-fn gradients_of_motion_of_rigid_region_match_differences() {
-    for kind in SCHEMES {
-        for is_damped in [false, true] {
-            let mut case = moving_bone(kind);
-            case.dt = 1e-2;
-            if is_damped {
-                case = damped(case);
-            }
-            let mut of = of_motion(&case);
-            // A rigid region has no stress.
-            of.truncate(4 - usize::from(is_damped));
-            if !is_damped {
-                of.push(AtEnd(Quantity::RegionForce {
-                    label: 1,
-                    direction: DVec3::new(0.2, 0.5, 1.0),
-                }));
-            }
-            let mut by = of_body(&case);
-            by.retain(|p| check_rigid_parameter(&case, kind, p));
-            case.check_motion(&of, &by);
-        }
-    }
-}
-
-/// Whether the motion of a body with a rigid second half has a derivative by a parameter.
-fn check_rigid_parameter(case: &Case, kind: SolverKind, parameter: &Parameter) -> bool {
-    let network = DiscreteModel::new(&case.mesh, &case.material).unwrap();
-    let is_soft = |node: &u32| !network.rigid_bodies()[0].nodes.contains(node);
-    match parameter {
-        Parameter::Young { tets } | Parameter::Poisson { tets } => *tets == case.region(0.0),
-        Parameter::Density { .. } => kind != SolverKind::Midpoint,
-        Parameter::RestPosition { node, .. } => is_soft(node) && kind != SolverKind::Midpoint,
-        Parameter::InitialPosition { node, .. } | Parameter::InitialVelocity { node, .. } => {
-            is_soft(node)
-        }
-        _ => true,
-    }
-}
-
-#[test]
-fn gradients_of_motion_in_self_contact_match_differences() {
-    let case = falling_clip();
-    let mut by = of_body(&case);
-    by.retain(|p| !matches!(p, Parameter::RestPosition { .. }));
-    // The reaction of the lower bar depends little on where the upper one begins.
-    case.check_motion_to(10.0 * TOLERANCE, &of_motion(&case)[..4], &by);
-}
-
-/// Returns two bars, of which the upper one falls on the lower one.
-pub(super) fn falling_clip() -> Case {
-    let mut case = moving(super::contact_tests::clip(), SolverKind::Implicit);
-    case.offsets.fill(DVec3::ZERO);
-    for v in &mut case.velocities {
-        *v *= 0.3;
-    }
-    case.difference = 0.003;
-    case
-}
-
 #[test]
 fn motion_in_little_memory_takes_its_steps_twice() {
     for kind in SCHEMES {
@@ -447,12 +310,12 @@ fn motions_without_gradient_are_refused() {
     let volume = |case: &Case| quantities(case).remove(2);
     let case = moving(bar(MaterialModel::Springs), kind);
     assert!(refusal(&case, &volume(&case), &[]).contains("springs"));
-    let case = moving_bone(kind);
+    let case = super::motion_contact_tests::moving_bone(kind);
     let node = node_at(&case.mesh, DVec3::new(0.12, 0.03, 0.05));
     let direction = DVec3::X;
     let begin = Parameter::InitialVelocity { node, direction };
     assert!(refusal(&case, &volume(&case), &[begin]).contains("rigid region"));
-    let case = moving_bone(SolverKind::Midpoint);
+    let case = super::motion_contact_tests::moving_bone(SolverKind::Midpoint);
     let density = Parameter::Density {
         tets: case.region(1.0),
     };

@@ -6,12 +6,14 @@ use crate::physics::cpu::implicit::contact_terms::{
     self_contact_mut, tool_contact, tool_contact_mut,
 };
 use crate::physics::cpu::implicit::schemes::ImplicitScheme;
+use crate::physics::cpu::node_constraints::NodeConstraint;
 use crate::physics::cpu::rigid::pose::Pose;
 use crate::physics::cpu::runtime::energy_guard::StepFailure;
 use crate::physics::cpu::runtime::motion_adjoint::{
-    MotionAdjoint, MotionState, StateAdjoint, StepAdjoint, StepParts,
+    MotionAdjoint, MotionState, StateAdjoint, StepAdjoint, StepLoads, StepParts,
 };
 use crate::physics::cpu::runtime::static_adjoint::{AdjointSeed, AdjointSolution};
+use crate::physics::cpu::runtime::steppable::{LoadUpdate, Steppable};
 use crate::physics::cpu::term::StateRef;
 use crate::physics::cpu::vectors::{V4, add, add_scaled, to_v4, zero};
 use crate::physics::{DiscreteModel, NewtonSettings, StepRecord};
@@ -34,13 +36,11 @@ impl MotionAdjoint for CpuBody<f64> {
         plan.in_pool(|| self.prepare_forces())
             .map_err(|failure| Error::Input(failure.to_string()))?;
         if self.state.u != before {
-            return Err(refused(
-                "of a body whose nodes begin inside a tool; begin without contact",
-            ));
+            return Err(inside_tool());
         }
         // Contact at the start: an intersection would be separated in the first steps.
         let poses = self.rigid_poses();
-        self.show_displacements((&before, &poses), 0.0)?;
+        self.show_displacements((&before, &poses), &StepLoads::default())?;
         let mut own = NewtonSettings::default();
         if let Some(newton) = &mut self.newton {
             own = newton.settings;
@@ -53,7 +53,7 @@ impl MotionAdjoint for CpuBody<f64> {
                 linear_tolerance: own.linear_tolerance.min(STEP_LINEAR_TOLERANCE),
             };
         }
-        Ok((self.motion_state(), own))
+        Ok((self.motion_state(StepLoads::default()), own))
     }
 
     fn end_motion(&mut self, own: NewtonSettings) {
@@ -62,11 +62,44 @@ impl MotionAdjoint for CpuBody<f64> {
         }
     }
 
+    fn begin_step(&mut self, change: Option<LoadUpdate>) -> Result<StepLoads> {
+        if let Some(change) = change {
+            self.apply_loads(change)?;
+        }
+        let before = self.state.u.clone();
+        let plan = Arc::clone(&self.plan);
+        plan.in_pool(|| self.prepare_forces())
+            .map_err(|failure| Error::Input(failure.to_string()))?;
+        if self.state.u != before {
+            return Err(inside_tool());
+        }
+        let nodes = self.attachments.iter().map(NodeConstraint::node);
+        let slots = nodes.map(|v| self.engine_index[v as usize] as usize);
+        let fixed = slots.filter(|i| *i < self.soft_nodes() && self.free_mask[*i] == 0.0);
+        let contact = tool_contact(&self.terms);
+        let tools = contact.map_or(&[][..], |contact| &contact.tools);
+        Ok(StepLoads {
+            constrained: fixed
+                .map(|i| (i, self.state.u[i], self.state.v[i]))
+                .collect(),
+            is_first: self.previous_dt == 0.0,
+            tools: tools.iter().map(|tool| [tool.from, tool.to]).collect(),
+            time: 0.0,
+            levels: self
+                .implicit
+                .as_ref()
+                .map_or(Vec::new(), |implicit| implicit.levels.clone()),
+        })
+    }
+
     fn motion_step(&mut self, dt: f64) -> std::result::Result<StepRecord, StepFailure> {
         self.run(1, dt)
     }
 
-    fn motion_state(&self) -> MotionState {
+    fn motion_state(&self, mut step: StepLoads) -> MotionState {
+        if let Some(contact) = tool_contact(&self.terms) {
+            step.time = contact.time;
+        }
         let is_bdf2 = self.scheme() == ImplicitScheme::Bdf2;
         let solver = self.implicit.as_ref().map(|implicit| &implicit.solver);
         let history = solver.filter(|s| is_bdf2 && s.count == 2 && self.previous_dt > 0.0);
@@ -75,7 +108,7 @@ impl MotionAdjoint for CpuBody<f64> {
             v: self.state.v.clone(),
             change: history.map_or(Vec::new(), |s| self.extend_change(&s.previous_solutions[0])),
             last: history.map_or(0.0, |_| self.previous_dt),
-            time: tool_contact(&self.terms).map_or(0.0, |contact| contact.time),
+            step,
             poses: self.rigid_poses(),
             torques: match &self.newton {
                 // A first step forgets them.
@@ -98,7 +131,7 @@ impl MotionAdjoint for CpuBody<f64> {
 
     fn show_state(&mut self, state: &MotionState) -> Result<()> {
         self.state.v.copy_from_slice(&state.v);
-        self.show_displacements((&state.u, &state.poses), state.time)
+        self.show_displacements((&state.u, &state.poses), &state.step)
     }
 
     fn add_quantity(
@@ -131,9 +164,9 @@ impl MotionAdjoint for CpuBody<f64> {
     ) -> Result<StepAdjoint> {
         let plan = Arc::clone(&self.plan);
         plan.in_pool(|| {
+            let from = &from.with_constraints(&to.step);
             let step = self.step_between([from, to], dt / self.units.time);
-            let time = step.coefficients.evaluation_time;
-            self.show_displacements((&step.u, &step.poses), time)?;
+            self.show_displacements((&step.u, &step.poses), &to.step)?;
             for term in &mut self.terms {
                 term.freeze_damping(&plan, &step.lagged);
             }
@@ -150,6 +183,7 @@ impl MotionAdjoint for CpuBody<f64> {
             }
             let start = (&from.poses[..], &from.v[..]);
             self.pull_back_rigid(start, (&step, z), &ends, adjoint);
+            found.solution.supports = self.drop_constrained(&to.step, adjoint);
             Ok(found)
         })
     }
@@ -161,6 +195,10 @@ impl MotionAdjoint for CpuBody<f64> {
             self.to_network(&adjoint.v, 1.0 / units.velocity()),
         ]
     }
+}
+
+fn inside_tool() -> Error {
+    refused("of a body whose nodes begin inside a tool; begin without contact")
 }
 
 /// Returns the error for a body whose steps have no adjoint.
@@ -201,14 +239,26 @@ impl CpuBody<f64> {
                 "of springs, whose steps are linearised; use --material neo-hookean (or corotated)",
             ));
         }
-        let moves = tool_contact(&self.terms)
-            .is_some_and(|c| c.tools.iter().any(|tool| tool.from != tool.to));
-        if self.has_prescribed_motion() || !self.moving_constraints.is_empty() || moves {
+        if !self.moving_constraints.is_empty() {
             return Err(refused(
-                "with supports or tools that are moving; let them arrive first",
+                "of a body with self-contact whose grabbed nodes still have to arrive; take a step first",
             ));
         }
         Ok(())
+    }
+
+    /// Removes the derivatives by what a step does not have from the state before it. Returns those
+    /// by the positions of its constrained nodes, 1/m.
+    fn drop_constrained(&self, step: &StepLoads, adjoint: &mut StateAdjoint) -> Vec<DVec3> {
+        let mut by_position = vec![zero(); self.state.u.len()];
+        for (i, ..) in &step.constrained {
+            by_position[*i] = std::mem::take(&mut adjoint.u[*i]);
+            adjoint.v[*i] = zero();
+        }
+        if step.is_first {
+            adjoint.torques.clear();
+        }
+        self.to_network(&by_position, 1.0 / self.units.length)
     }
 
     /// Adds `weight` times the derivatives of a force on a tool through friction, by the shown
@@ -231,15 +281,25 @@ impl CpuBody<f64> {
     }
 
     /// Moves all nodes to the displacements `u` and rigid bodies to `poses`, and selects the contact
-    /// there, with the friction of a step that evaluates its forces after `time`.
-    fn show_displacements(&mut self, (u, poses): (&[V4<f64>], &[Pose]), time: f64) -> Result<()> {
+    /// there, with the tools, the friction and the amplitudes of a step.
+    fn show_displacements(
+        &mut self,
+        (u, poses): (&[V4<f64>], &[Pose]),
+        step: &StepLoads,
+    ) -> Result<()> {
+        if !step.levels.is_empty() {
+            self.set_levels(&step.levels);
+        }
         self.state.u.copy_from_slice(u);
         if let Some(newton) = &mut self.newton {
             newton.rigid.now.copy_from_slice(poses);
         }
         let nodes = (&self.free_mask[..], &*self.plan);
         if let Some(contact) = tool_contact_mut(&mut self.terms) {
-            contact.begin(u, nodes, (time, 0.0));
+            for (tool, [from, to]) in contact.tools.iter_mut().zip(&step.tools) {
+                (tool.from, tool.to) = (*from, *to);
+            }
+            contact.begin(u, nodes, (step.time, 0.0));
             contact.set_tool_fraction(1.0);
             contact.update_lagged_friction(u);
         }

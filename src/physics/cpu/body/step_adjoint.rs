@@ -9,6 +9,9 @@
 //! - ṽ gets M z/γ, and b gets (1/γ² + α/γ) M z + D z/γ;
 //! - any change of the forces at fixed u and δ gets z.
 //!
+//! Friction has part in D, by its tangent at w, and in K, by the normal forces and normals that it
+//! depends on, which have converged in the step: A is then not symmetric, and A stands for Aᵀ.
+//!
 //! The nodes of a rigid body end where its pose places them, wherever they began: their u gets what
 //! b gets. In the midpoint rule a body has an inertial target and an end of its own
 //! ([`midpoint_adjoint`](crate::physics::cpu::rigid::midpoint_adjoint)).

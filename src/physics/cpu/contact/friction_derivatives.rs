@@ -8,7 +8,8 @@ use super::contact_derivatives::{
     PAIR_DIFFERENCE_STEP, PairTangent, ToolDerivatives, WeightDerivatives,
 };
 use super::self_contact::SelfContactTerm;
-use super::tool_contact::{ToolContact, ToolState};
+use super::tool_contact::{ToolContact, ToolFriction, ToolState};
+use crate::physics::contact::FrictionMollifier;
 use crate::physics::cpu::differences::{gradient, jacobian};
 use crate::physics::cpu::term::StateRef;
 use crate::physics::cpu::vectors::{V4, add, to_dvec, to_v4};
@@ -17,8 +18,14 @@ use glam::{DMat3, DQuat, DVec3};
 /// Step of differences by the rotation of a tool.
 const ROTATION_STEP: f64 = 1e-5;
 
-/// Relative step of differences by the speed below which friction is static.
-const SPEED_STEP: f64 = 1e-4;
+/// A boundary point in contact with a tool that has friction.
+struct RubbingPoint<'a> {
+    s: &'a ContactPoint,
+    tool: &'a ToolState,
+    place: DVec3,
+    velocity: DVec3,
+    friction: ToolFriction,
+}
 
 /// Minus the derivatives of the friction forces on the nodes of a point or a pair.
 pub(in crate::physics::cpu) struct FrictionTangent {
@@ -68,81 +75,67 @@ impl ToolContact<f64> {
         (tool, direction): (usize, DVec3),
     ) -> Vec<(usize, [DVec3; 2])> {
         let mut all = Vec::new();
-        for (s, state, _) in self.rubbing(at).filter(|(s, ..)| s.tool as usize == tool) {
-            let step = PAIR_DIFFERENCE_STEP * state.gap;
-            let slope = jacobian(step, |by| self.force_at((s, state), at, by));
-            let Some(friction) = self.friction_at(s, state, self.point(s, at.u)) else {
-                continue;
-            };
-            let velocity = Self::velocity(s, at.v);
-            let tangent = friction.tangent(velocity, self.static_friction_speed, false);
-            let by = [-(slope.transpose() * direction), tangent * direction];
-            all.extend(s.corners().map(|(i, w)| (i, by.map(|by| w * by))));
+        for point in self.rubbing(at).filter(|p| p.s.tool as usize == tool) {
+            let [by_place, by_velocity] = self.point_slopes(&point);
+            let by = [-(by_place.transpose() * direction), by_velocity * direction];
+            all.extend(point.s.corners().map(|(i, w)| (i, by.map(|by| w * by))));
         }
         all
     }
 
-    /// Returns the points with friction, with their tools and the friction force of each.
-    fn rubbing(
-        &self,
-        at: StateRef<'_, f64>,
-    ) -> impl Iterator<Item = (&ContactPoint, &ToolState, DVec3)> {
-        let force = move |s: &'_ ContactPoint, tool: &ToolState| {
-            let friction = self.friction_at(s, tool, self.point(s, at.u))?;
-            Some(friction.force(Self::velocity(s, at.v), self.static_friction_speed))
-        };
+    /// Returns the points in contact with a tool that has friction.
+    fn rubbing<'a>(
+        &'a self,
+        at: StateRef<'a, f64>,
+    ) -> impl Iterator<Item = RubbingPoint<'a>> + use<'a> {
         self.contact_points.iter().filter_map(move |s| {
             let tool = &self.tools[s.tool as usize];
-            let force = (tool.friction > 0.0).then(|| force(s, tool))??;
-            Some((s, tool, force))
+            let place = self.point(s, at.u);
+            let friction = self.friction_at(s, tool, place)?;
+            (tool.friction > 0.0).then_some(RubbingPoint {
+                s,
+                tool,
+                place,
+                velocity: Self::velocity(s, at.v),
+                friction,
+            })
         })
     }
 
-    /// Returns the friction force on a point that is `by` from its position, with a tool.
-    fn force_at(
-        &self,
-        (s, tool): (&ContactPoint, &ToolState),
-        at: StateRef<'_, f64>,
-        by: DVec3,
-    ) -> DVec3 {
-        let friction = self.friction_at(s, tool, self.point(s, at.u) + by);
+    /// Returns a force with the derivatives of the friction force on a point by its place and by
+    /// its tool, of which `tool` is a changed one.
+    fn linearised(&self, point: &RubbingPoint<'_>, tool: &ToolState, by: DVec3) -> DVec3 {
+        let friction = self.friction_at(point.s, tool, point.place + by);
         friction.map_or(DVec3::ZERO, |friction| {
-            friction.force(Self::velocity(s, at.v), self.static_friction_speed)
+            friction.linearised(&point.friction, point.velocity, self.static_friction_speed)
         })
     }
 
-    /// Returns the derivative of y·f by the speed below which friction is static.
-    fn speed_derivative(
-        &self,
-        (s, tool): (&ContactPoint, &ToolState),
-        at: StateRef<'_, f64>,
-        y: DVec3,
-    ) -> f64 {
+    /// Returns the derivative of the friction force on a point by its place, and minus that by its
+    /// velocity.
+    fn point_slopes(&self, point: &RubbingPoint<'_>) -> [DMat3; 2] {
+        let step = PAIR_DIFFERENCE_STEP * point.tool.gap;
+        let by_place = jacobian(step, |by| self.linearised(point, point.tool, by));
         let speed = self.static_friction_speed;
-        let friction = self.friction_at(s, tool, self.point(s, at.u));
-        let velocity = Self::velocity(s, at.v);
-        let value = |by: DVec3| friction.map_or(0.0, |f| y.dot(f.force(velocity, speed + by.x)));
-        gradient(SPEED_STEP * speed, value).x
+        let by_velocity = point.friction.tangent(point.velocity, speed, false);
+        [by_place, by_velocity]
     }
 
     /// Returns the derivatives of the friction forces.
     pub fn friction_tangents(&self, at: StateRef<'_, f64>) -> Vec<FrictionTangent> {
-        let tangent = |(s, tool, _): (&ContactPoint, &ToolState, DVec3)| {
-            let (nodes, weights) = s.spread();
-            let friction = self.friction_at(s, tool, self.point(s, at.u))?;
-            let velocity = Self::velocity(s, at.v);
-            let step = PAIR_DIFFERENCE_STEP * tool.gap;
-            let slope = jacobian(step, |by| self.force_at((s, tool), at, by));
-            let block = |a: usize, b: usize| slope * (-weights[a] * weights[b]);
-            Some(FrictionTangent {
+        let tangent = |point: RubbingPoint<'_>| {
+            let (nodes, weights) = point.s.spread();
+            let [by_place, by_velocity] = self.point_slopes(&point);
+            let block = |a: usize, b: usize| by_place * (-weights[a] * weights[b]);
+            FrictionTangent {
                 nodes,
                 weights,
-                by_velocity: friction.tangent(velocity, self.static_friction_speed, false),
+                by_velocity,
                 missing: DMat3::ZERO,
                 by_position: std::array::from_fn(|a| std::array::from_fn(|b| block(a, b))),
-            })
+            }
         };
-        self.rubbing(at).filter_map(tangent).collect()
+        self.rubbing(at).map(tangent).collect()
     }
 
     /// Adds the derivatives of friction forces to those of normal forces, as
@@ -154,14 +147,15 @@ impl ToolContact<f64> {
         force: Option<(usize, DVec3)>,
         (weights, all): (&mut WeightDerivatives, &mut [ToolDerivatives]),
     ) {
-        let whole = self.face_weights();
-        for (s, tool, f) in self.rubbing(at) {
+        let (whole, speed) = (self.face_weights(), self.static_friction_speed);
+        for point in self.rubbing(at) {
+            let (s, tool) = (point.s, point.tool);
             let number = s.tool as usize;
             let mut y: DVec3 = s.corners().map(|(i, w)| w * to_dvec(lambda[i])).sum();
             if let Some((_, direction)) = force.filter(|(of, _)| *of == number) {
                 y -= direction;
             }
-            let value = |changed: &ToolState| y.dot(self.force_at((s, changed), at, DVec3::ZERO));
+            let value = |tool: &ToolState| y.dot(self.linearised(&point, tool, DVec3::ZERO));
             let step = PAIR_DIFFERENCE_STEP * tool.gap;
             let to = &mut all[number];
             to.translation += gradient(step, |by| value(&tool.shifted(by)));
@@ -173,7 +167,10 @@ impl ToolContact<f64> {
                 })
             });
             to.gap += by_gap.x;
-            weights.static_speed += self.speed_derivative((s, tool), at, y);
+            let slide = point.friction.slide(point.velocity);
+            let slope = FrictionMollifier::slope_by_threshold(slide.length(), speed);
+            weights.static_speed -= point.friction.max_force * slope * slide.dot(y);
+            let f = point.friction.force(point.velocity, speed);
             weights.add_point(s, f.dot(y), &whole);
         }
     }
@@ -222,14 +219,21 @@ impl SelfContactTerm<f64> {
             let friction = self.friction_at(pair, &active);
             let (x, v) = (self.positions(pair, at.u), Self::velocities(pair, at.v));
             let step = PAIR_DIFFERENCE_STEP * pair.features.closest_points(&x).distance;
+            let force = friction.force(v, self.static_friction_speed);
             let mut by_position = [[DMat3::ZERO; 4]; 4];
             for (a, b) in (0..4).flat_map(|a| (0..4).map(move |b| (a, b))) {
-                let force = |by: DVec3| {
+                let linearised = |by: DVec3| {
                     let mut x = x;
                     x[b] += by;
-                    self.friction_forces(pair, &x, v)[a]
+                    let active = Self::active_pair_at(pair, &x);
+                    active.map_or(DVec3::ZERO, |active| {
+                        let changed = self.friction_at(pair, &active);
+                        let speed = self.static_friction_speed;
+                        changed.weights[a] * force
+                            + friction.weights[a] * changed.linearised(&friction, v, speed)
+                    })
                 };
-                by_position[a][b] = jacobian(step, force) * -1.0;
+                by_position[a][b] = jacobian(step, linearised) * -1.0;
             }
             let by_velocity = friction.tangent(v, self.static_friction_speed);
             Some(FrictionTangent {

@@ -58,6 +58,20 @@ impl PairFriction {
         -self.max_force * slip.slope_over_speed * slide
     }
 
+    /// Returns a force whose derivatives at `base` are those of [`PairFriction::force`], without its
+    /// kink at the static friction speed.
+    pub(super) fn linearised(
+        &self,
+        base: &PairFriction,
+        v: [DVec3; 4],
+        static_friction_speed: f64,
+    ) -> DVec3 {
+        let slide = base.slide(v);
+        let slip = FrictionMollifier::at(slide.length(), static_friction_speed);
+        let by_slide = slip.direction_slope(slide) * self.slide(v);
+        -self.max_force * slip.slope_over_speed * slide - base.max_force * by_slide
+    }
+
     /// Returns the secant stiffness of the force in all tangential directions.
     fn secant(&self, v: [DVec3; 4], static_friction_speed: f64) -> DMat3 {
         let speed = self.slide(v).length();

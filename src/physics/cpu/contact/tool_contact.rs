@@ -125,6 +125,15 @@ impl ToolFriction {
         -self.max_force * slip.slope_over_speed * slide
     }
 
+    /// Returns a force whose derivatives at `base` are those of [`ToolFriction::force`], without its
+    /// kink at the static friction speed.
+    pub fn linearised(&self, base: &ToolFriction, v: DVec3, static_friction_speed: f64) -> DVec3 {
+        let slide = base.slide(v);
+        let slip = FrictionMollifier::at(slide.length(), static_friction_speed);
+        let by_slide = slip.direction_slope(slide) * self.slide(v);
+        -self.max_force * slip.slope_over_speed * slide - base.max_force * by_slide
+    }
+
     /// Returns minus the derivative of the force by `v`, bounded below if `projected`.
     pub fn tangent(&self, v: DVec3, static_friction_speed: f64, projected: bool) -> DMat3 {
         let slide = self.slide(v);

@@ -127,7 +127,11 @@ impl<T: Real> NewtonSolver<T> {
         contact.begin(
             context.at.u,
             (context.free, context.plan),
-            (coefficients.evaluation_time, margin),
+            // Tools end the step where it ends, also if its forces are those at its middle.
+            (
+                coefficients.end_scale * coefficients.evaluation_time,
+                margin,
+            ),
         )
     }
 

@@ -45,6 +45,18 @@ pub(in crate::physics::cpu) fn full_load_update(loads: &Loads) -> LoadUpdate {
     }
 }
 
+/// Returns the loads that a motion may change before a step.
+pub(in crate::physics) fn step_load_update(loads: &Loads) -> LoadUpdate {
+    LoadUpdate {
+        gravity: loads.gravity(),
+        pinned: None,
+        forces: None,
+        attachments: (!loads.prescribed_motions().is_empty()).then(|| node_constraints(loads)),
+        levels: (!loads.amplitudes().is_empty()).then(|| loads.amplitudes().to_vec()),
+        tools: (!loads.tools().is_empty()).then(|| tools(loads)),
+    }
+}
+
 /// Returns the tool targets, in metres.
 fn tools(loads: &Loads) -> Vec<ToolTarget> {
     let (frame, unit) = loads.frame_and_unit();

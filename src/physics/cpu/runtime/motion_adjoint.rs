@@ -2,8 +2,9 @@
 
 use super::energy_guard::StepFailure;
 use super::static_adjoint::{AdjointSeed, AdjointSolution};
-use super::steppable::TetBody;
+use super::steppable::{LoadUpdate, TetBody};
 use crate::Result;
+use crate::physics::cpu::contact::tool_contact::LocalToolPose;
 use crate::physics::cpu::rigid::pose::Pose;
 use crate::physics::cpu::vectors::V4;
 use crate::physics::{DiscreteModel, NewtonSettings, StepRecord};
@@ -28,6 +29,28 @@ pub(in crate::physics) struct StepParts {
     pub friction: bool,
 }
 
+impl MotionState {
+    /// Amplitudes of pressures and muscles in the step to this state; empty for the first state.
+    pub(in crate::physics) fn levels(&self) -> &[f64] {
+        &self.step.levels
+    }
+
+    /// Returns this state with the constraints that the next step, with the loads `step`, begins
+    /// with.
+    pub(in crate::physics::cpu) fn with_constraints(&self, step: &StepLoads) -> MotionState {
+        let mut start = self.clone();
+        for (i, u, v) in &step.constrained {
+            (start.u[*i], start.v[*i]) = (*u, *v);
+        }
+        if step.is_first {
+            start.last = 0.0;
+            start.change.clear();
+            start.torques.fill(DVec3::ZERO);
+        }
+        start
+    }
+}
+
 impl Default for StepParts {
     fn default() -> StepParts {
         StepParts {
@@ -42,6 +65,20 @@ impl Default for StepParts {
     }
 }
 
+/// Loads of one step that may differ from those of the step before, in the body's units and order.
+#[derive(Clone, Debug, Default)]
+pub(in crate::physics) struct StepLoads {
+    /// Constrained soft nodes: slot, displacement at the start, and velocity.
+    pub(in crate::physics::cpu) constrained: Vec<(usize, V4<f64>, V4<f64>)>,
+    /// Whether the scheme restarted.
+    pub(in crate::physics::cpu) is_first: bool,
+    /// Poses of each tool at the start and at the end, and the duration of that motion.
+    pub(in crate::physics::cpu) tools: Vec<[LocalToolPose; 2]>,
+    pub(in crate::physics::cpu) time: f64,
+    /// Amplitudes of pressures and muscles.
+    pub levels: Vec<f64>,
+}
+
 /// State between two steps, in the body's units and order.
 #[derive(Clone, Debug, Default)]
 pub(in crate::physics) struct MotionState {
@@ -51,8 +88,8 @@ pub(in crate::physics) struct MotionState {
     pub(in crate::physics::cpu) change: Vec<V4<f64>>,
     /// Length of the last step; 0 for none, or if the scheme does not use it.
     pub(in crate::physics::cpu) last: f64,
-    /// Time from the start of the last step to the evaluation of its forces; 0 for none.
-    pub(in crate::physics::cpu) time: f64,
+    /// What the step to this state had.
+    pub(in crate::physics::cpu) step: StepLoads,
     /// Poses of rigid bodies, and the torques on them in the last step, for the midpoint rule.
     pub(in crate::physics::cpu) poses: Vec<Pose>,
     pub(in crate::physics::cpu) torques: Vec<DVec3>,
@@ -95,11 +132,18 @@ pub(in crate::physics) trait MotionAdjoint: TetBody {
     /// Restores the settings of steps.
     fn end_motion(&mut self, own: NewtonSettings);
 
+    /// Sets the loads of the next step, if they change. Returns those that it has.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for invalid loads, and if a tool is placed inside the
+    /// body.
+    fn begin_step(&mut self, change: Option<LoadUpdate>) -> Result<StepLoads>;
+
     /// Takes a step of `dt` seconds.
     fn motion_step(&mut self, dt: f64) -> std::result::Result<StepRecord, StepFailure>;
 
-    /// The state after the last step.
-    fn motion_state(&self) -> MotionState;
+    /// The state after the last step, which had the loads `step`.
+    fn motion_state(&self, step: StepLoads) -> MotionState;
 
     /// Bytes of a state.
     fn motion_state_bytes(&self) -> usize;
