@@ -59,7 +59,7 @@ pub(crate) use order::order_of;
 pub use packed_normal::{NO_NORMAL, pack_normal, unpack_normal};
 pub use partition::{MeshPartition, MeshPiece};
 pub use quadratic::ElementOrder;
-pub(crate) use quadratic::{PIECES, TenNodes, traction_shares};
+pub(crate) use quadratic::{PIECES, TenNodes, ten_nodes, traction_shares};
 pub(crate) use quadratic_shape::{QUADRATURE, QUADRATURE_POINTS, quadrature_point, unit_map};
 pub(crate) use quality::DIHEDRAL_BINS;
 pub use quality::{QualityReport, TetQuality, WorstTet};

@@ -162,7 +162,7 @@ pub(crate) fn traction_shares(is_middle: [bool; 3]) -> [f64; 3] {
 }
 
 /// Returns the nodes of the element with these pieces; `None` if they are not its pieces.
-fn ten_nodes(group: &[[u32; 4]]) -> Option<TenNodes> {
+pub(crate) fn ten_nodes(group: &[[u32; 4]]) -> Option<TenNodes> {
     let corners = group.first_chunk::<4>()?;
     if group.len() != PIECES {
         return None;

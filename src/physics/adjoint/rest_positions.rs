@@ -7,9 +7,10 @@ use super::quantities::derivative;
 use super::slopes::face_area;
 use crate::mesh::TetMesh;
 use crate::physics::cpu::{STATIC_FRICTION_SPEED, face_stiffnesses, tool_gap};
-use crate::physics::{DiscreteModel, Discretisation, LocalUnits};
+use crate::physics::loads::fibre_points::FibrePoint;
+use crate::physics::{DiscreteModel, Discretisation, LocalUnits, Muscle};
 use crate::{Error, Result};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// Step of the differences, over the shortest edge at the node.
 const DIFFERENCE_STEP: f64 = 1e-3;
@@ -121,27 +122,30 @@ fn potential(sensitivity: &Sensitivity<'_>, model: &DiscreteModel) -> f64 {
         .muscles
         .iter()
         .map(|(muscle, level)| {
-            let tets = muscle.fibres.iter();
             let strength = body.amplitudes[*level] * muscle.tension;
-            tets.map(|(t, m)| strength * muscle_work(sensitivity, model, *t, *m))
-                .sum::<f64>()
+            strength * muscle_work(sensitivity, model, muscle)
         })
         .sum();
     explicit + matter + masses + muscles + contact(sensitivity, model)
 }
 
-/// Returns λ times the forces of a fibre `m` of unit strength in a tet: −V (F m)·(∇λ m).
-fn muscle_work(sensitivity: &Sensitivity<'_>, model: &DiscreteModel, tet: u32, m: DVec3) -> f64 {
-    let nodes = sensitivity.body.mesh.tets[tet as usize].map(|v| v as usize);
-    let columns = |at: &dyn Fn(usize) -> DVec3| {
-        let [o, a, b, c] = nodes.map(at);
-        DMat3::from_cols(a - o, b - o, c - o)
-    };
-    let rest = columns(&|v| model.rest_positions[v]);
-    let along = rest.inverse() * m;
-    let (x, lambda) = (&sensitivity.body.x, &sensitivity.solution.terms);
-    let fibre = columns(&|v| x[v]) * along;
-    -rest.determinant() / 6.0 * fibre.dot(columns(&|v| lambda[v]) * along)
+/// Returns λ times the forces of a muscle of unit strength: −Σ V (F m)·(∇λ m).
+fn muscle_work(sensitivity: &Sensitivity<'_>, model: &DiscreteModel, muscle: &Muscle) -> f64 {
+    let body = sensitivity.body;
+    let (x, lambda) = (&body.x, &sensitivity.solution.terms);
+    let mut work = 0.0;
+    muscle.for_each_element((model, &body.mesh.tets), 1.0, |nodes, points| {
+        // The slopes of a point sum to zero.
+        let along = |of: &[DVec3], point: &FibrePoint| -> DVec3 {
+            let first = of[nodes[0] as usize];
+            let all = nodes.iter().zip(point.slopes);
+            all.map(|(v, s)| s * (of[*v as usize] - first)).sum()
+        };
+        for point in points {
+            work -= point.volume * along(x, point).dot(along(lambda, point));
+        }
+    });
+    work
 }
 
 /// Returns the part of the contact stiffnesses and gaps.

@@ -1,5 +1,6 @@
 //! Constraints and loads of a body, independent of the engine.
 
+pub(super) mod fibre_points;
 pub(super) mod force_balance;
 pub(super) mod grab;
 pub(super) mod grab_state;

@@ -1,14 +1,15 @@
 //! Muscle term of the energy: Ψ = ½ a T |F m|². Its Hessian is constant and isotropic.
 //!
-//! With s_i = g_i·m of the nodal shape functions, F m = m + Σ u_i s_i. Summed over all tetrahedra
-//! and up to a constant, E = a (Σ b_i·u_i + ½ Σ k_ij u_i·u_j), b_i = Σ V T s_i m, k_ij = Σ V T s_i
-//! s_j. The rows of k sum to zero, so products use differences of displacements, in which
-//! translations cancel.
+//! With s_i = ∇N_i·m of the nodal shape functions, F m = m + Σ u_i s_i. Summed over the quadrature
+//! points of all elements ([`FibrePoint`]) and up to a constant, E = a (Σ b_i·u_i + ½ Σ k_ij u_i·u_j),
+//! b_i = Σ V T s_i m, k_ij = Σ V T s_i s_j. The rows of k sum to zero, so products use differences of
+//! displacements, in which translations cancel.
 
 use crate::physics::cpu::partition::Partition;
 use crate::physics::cpu::scalar::Real;
 use crate::physics::cpu::term::{StateRef, SystemContribution, Term};
 use crate::physics::cpu::vectors::{V4, add, add_scaled, dot_f64, from_metres, scale, sub, zero};
+use crate::physics::loads::fibre_points::FibrePoint;
 use crate::physics::{DiscreteModel, LocalUnits, Muscle};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
@@ -39,51 +40,31 @@ pub(in crate::physics::cpu) struct MuscleTerm<T> {
 }
 
 impl<T: Real> MuscleTerm<T> {
-    /// Creates the term for `muscle` of `network` with the tetrahedra `tets`, activated by the
-    /// amplitude of index `level`; the activation is initially 0.
+    /// Creates the term for `muscle` of `network` with the tetrahedra `tets` (in a body of order 2 the
+    /// pieces of its elements), activated by the amplitude of index `level`; the activation is
+    /// initially 0.
     pub fn new(
         muscle: &Muscle,
         level: usize,
         (network, tets): (&DiscreteModel, &[[u32; 4]]),
         (place, units, plan): (&[u32], LocalUnits, &Partition),
     ) -> MuscleTerm<T> {
-        // A muscle does not act within a rigid body.
-        let mut bones = vec![u32::MAX; network.rest_positions.len()];
-        for (b, body) in network.rigid_bodies().iter().enumerate() {
-            body.nodes
-                .iter()
-                .for_each(|v| bones[*v as usize] = b as u32);
-        }
         let mut rows: BTreeMap<u32, (DVec3, BTreeMap<u32, f64>)> = BTreeMap::new();
-        for (tet, along) in &muscle.fibres {
-            let nodes = tets[*tet as usize];
-            let bone = bones[nodes[0] as usize];
-            if bone != u32::MAX && nodes.iter().all(|v| bones[*v as usize] == bone) {
-                continue;
-            }
-            let corners = nodes.map(|v| network.rest_positions[v as usize]);
-            let edges = DMat3::from_cols(
-                corners[1] - corners[0],
-                corners[2] - corners[0],
-                corners[3] - corners[0],
-            );
-            let volume = edges.determinant() / 6.0;
-            let inverse = edges.inverse();
-            // Tetrahedra without volume have no energy.
-            if !(volume > 0.0 && inverse.is_finite()) {
-                continue;
-            }
-            let [a, b, c] = (inverse * *along * units.length).to_array();
-            let slopes = [-(a + b + c), a, b, c];
-            let strength = volume * muscle.tension / units.energy();
-            for (i, s) in nodes.iter().zip(slopes) {
+        let strength = |point: &FibrePoint| point.volume * muscle.tension / units.energy();
+        muscle.for_each_element((network, tets), units.length, |nodes, points| {
+            for (n, i) in nodes.iter().enumerate() {
                 let (pull, ties) = rows.entry(place[*i as usize]).or_default();
-                *pull += strength * s * *along;
-                for (j, t) in nodes.iter().zip(slopes).filter(|(j, _)| *j != i) {
-                    *ties.entry(place[*j as usize]).or_default() += strength * s * t;
+                for point in points {
+                    *pull += strength(point) * point.slopes[n] * point.direction;
+                }
+                for (k, j) in nodes.iter().enumerate().filter(|(k, _)| *k != n) {
+                    let products = points
+                        .iter()
+                        .map(|point| strength(point) * point.slopes[n] * point.slopes[k]);
+                    *ties.entry(place[*j as usize]).or_default() += products.sum::<f64>();
                 }
             }
-        }
+        });
         let chunk = |nodes: Range<usize>| {
             let mut own = Rows {
                 first: nodes.start,
