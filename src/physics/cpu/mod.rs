@@ -18,6 +18,7 @@ mod rigid;
 mod runtime;
 mod scalar;
 mod simd;
+mod six_node_face;
 mod springs;
 mod term;
 mod vectors;

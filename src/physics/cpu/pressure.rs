@@ -1,12 +1,14 @@
 //! Follower pressure on faces of the boundary or of interfaces between regions.
 //!
-//! The load on the nodes of a face is −p A n times their shares ([`traction_shares`]: ⅓ each on
-//! linear tets), with A n = ½ (x₁ − x₀) × (x₂ − x₀) at the current
-//! positions. Implicit steps evaluate it at their start, like all loads: it has no part in the
-//! Hessian.
+//! The load on the nodes of a linear tet's face is −p A n / 3, with A n = ½ (x₁ − x₀) × (x₂ − x₀) at
+//! the current positions; on the nodes of a ten-node tet's face it is −p ∫ N n dA over the curved face
+//! ([`SixNodeFace`]). If a pressure acts on only some of its four pieces, these are flat, and the
+//! nodes have −p A n times their shares in an even traction ([`traction_shares`]). Implicit steps
+//! evaluate it at their start, like all loads: it has no part in the Hessian.
 
 use super::partition::Partition;
 use super::scalar::Real;
+use super::six_node_face::{SixNodeFace, join_pieces};
 use super::vectors::{V4, add, add_scaled, cross, from_metres, scale, sub, zero};
 use crate::mesh::traction_shares;
 use crate::physics::LocalUnits;
@@ -15,9 +17,9 @@ use glam::DVec3;
 /// The nodes of a face, and whether each is in the middle of an edge of a ten-node tet.
 pub type LoadedFace = ([u32; 3], [bool; 3]);
 
-/// A face, counter-clockwise seen from outside.
+/// A flat face, counter-clockwise seen from outside.
 #[derive(Clone, Copy, Debug)]
-struct Face<T> {
+struct FlatFace<T> {
     nodes: [u32; 3],
     /// Edges from the first node to the others at rest.
     edges: [V4<T>; 2],
@@ -25,11 +27,17 @@ struct Face<T> {
     shares: [T; 3],
 }
 
+/// Faces with a node in a chunk.
+#[derive(Clone, Debug)]
+struct ChunkFaces<T> {
+    flat: Vec<FlatFace<T>>,
+    six_node: Vec<SixNodeFace<T>>,
+}
+
 /// Faces under a common pressure.
 #[derive(Clone, Debug)]
 pub(super) struct Pressure<T> {
-    /// Faces with a node in each chunk.
-    chunks: Vec<Vec<Face<T>>>,
+    chunks: Vec<ChunkFaces<T>>,
     /// Index of the amplitude that is the pressure.
     amplitude_index: usize,
     /// Half of the pressure, local units.
@@ -40,8 +48,8 @@ pub(super) struct Pressure<T> {
 
 impl<T: Real> Pressure<T> {
     /// Creates a pressure on `faces`, in the file's numbering, each with whether its nodes are in the
-    /// middle of edges of ten-node tets, with the amplitude of index `amplitude_index`; initially 0. `place` is the engine's index of every node, `rest` their
-    /// rest positions, m.
+    /// middle of edges of ten-node tets, with the amplitude of index `amplitude_index`; initially 0.
+    /// `place` is the engine's index of every node, `rest` their rest positions, m.
     pub fn new(
         faces: &[LoadedFace],
         amplitude_index: usize,
@@ -49,19 +57,34 @@ impl<T: Real> Pressure<T> {
         units: &LocalUnits,
         plan: &Partition,
     ) -> Pressure<T> {
-        let mut chunks = vec![Vec::new(); plan.chunks()];
-        for (face, is_middle) in faces {
-            let [a, b, c] = face.map(|v| rest[v as usize]);
-            let nodes = face.map(|v| place[v as usize]);
-            let made = Face {
-                nodes,
-                edges: [b - a, c - a].map(|e| from_metres(e, units.length)),
-                shares: traction_shares(*is_middle).map(T::from_f64),
-            };
-            let mut homes = nodes.map(|v| plan.chunk_of(v as usize)).to_vec();
+        let none = ChunkFaces {
+            flat: Vec::new(),
+            six_node: Vec::new(),
+        };
+        let mut chunks = vec![none; plan.chunks()];
+        let homes = |nodes: &[u32]| {
+            let mut homes: Vec<usize> = nodes.iter().map(|v| plan.chunk_of(*v as usize)).collect();
             homes.sort_unstable();
             homes.dedup();
-            homes.into_iter().for_each(|home| chunks[home].push(made));
+            homes
+        };
+        let (joined, flat) = join_pieces(faces);
+        for (face, is_middle) in flat {
+            let [a, b, c] = face.map(|v| rest[v as usize]);
+            let nodes = face.map(|v| place[v as usize]);
+            let made = FlatFace {
+                nodes,
+                edges: [b - a, c - a].map(|e| from_metres(e, units.length)),
+                shares: traction_shares(is_middle).map(T::from_f64),
+            };
+            let homes = homes(&nodes).into_iter();
+            homes.for_each(|home| chunks[home].flat.push(made));
+        }
+        for face in joined {
+            let nodes = face.map(|v| place[v as usize]);
+            let made = SixNodeFace::new(nodes, face.map(|v| rest[v as usize]), units.length);
+            let homes = homes(&nodes).into_iter();
+            homes.for_each(|home| chunks[home].six_node.push(made.clone()));
         }
         Pressure {
             chunks,
@@ -83,11 +106,12 @@ impl<T: Real> Pressure<T> {
         if self.half_pressure == T::ZERO {
             return;
         }
-        for Face {
+        let faces = &self.chunks[chunk];
+        for FlatFace {
             nodes,
             edges,
             shares,
-        } in &self.chunks[chunk]
+        } in &faces.flat
         {
             let [a, b, c] = nodes.map(|v| u[v as usize]);
             let e = add(edges[0], sub(b, a));
@@ -100,6 +124,11 @@ impl<T: Real> Pressure<T> {
             ];
             for (v, share) in nodes.iter().zip(shares) {
                 take(*v as usize, scale(-(self.half_pressure * *share), normal));
+            }
+        }
+        for face in &faces.six_node {
+            for (v, area) in face.nodes.iter().zip(face.area_vectors(u)) {
+                take(*v as usize, scale(-self.half_pressure, area));
             }
         }
     }
@@ -124,7 +153,7 @@ impl<T: Real> Pressure<T> {
     ) {
         for (chunk, faces) in self.chunks.iter().enumerate() {
             let own = plan.range(chunk);
-            for face in faces {
+            for face in &faces.flat {
                 let [a, b, c] = face.nodes.map(|v| u[v as usize]);
                 let (e, d) = (add(face.edges[0], sub(b, a)), add(face.edges[1], sub(c, a)));
                 // Each chunk has the shares of its own nodes.
@@ -139,6 +168,13 @@ impl<T: Real> Pressure<T> {
                 out[first] = sub(out[first], add(by_e, by_d));
                 out[second] = add(out[second], by_e);
                 out[third] = add(out[third], by_d);
+            }
+            for face in &faces.six_node {
+                let own = face.nodes.map(|v| match own.contains(&(v as usize)) {
+                    true => scale(self.half_pressure, y[v as usize]),
+                    false => zero(),
+                });
+                face.add_area_derivatives(u, &own, out);
             }
         }
     }
