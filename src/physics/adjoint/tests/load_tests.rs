@@ -1,6 +1,6 @@
 //! Pressure, muscles, terms on nodes, supports and rigid regions.
 
-use super::material_tests::{parameters, poisson, quantities, stresses};
+use super::material_tests::{parameters, poisson, quadratic_bar, quantities, stresses};
 use super::*;
 use crate::physics::AmplitudeId;
 
@@ -102,4 +102,34 @@ fn gradients_with_rigid_region_match_differences() {
     case.check(&all, &by, TOLERANCE);
     let mut settled = case.settle();
     assert!(case.gradient(&mut settled, &all[0], &[inner]).is_err());
+}
+
+/// Returns the bar of ten-node tets with curved edges, with pressure on its upper side and a muscle in
+/// its first half.
+pub(super) fn loaded_quadratic_bar() -> Case {
+    let mut case = quadratic_bar();
+    let top = |v: u32| case.mesh.nodes[v as usize].z > 0.05 - 1e-9;
+    let faces = case.faces().into_iter();
+    let faces = faces.filter(|f| f.iter().all(|v| top(*v))).collect();
+    for p in &mut case.mesh.nodes {
+        *p += DVec3::new(0.0, p.x * p.z, 1.5 * p.x * p.x);
+    }
+    case.pressure = Some((faces, 300.0));
+    let fibres = case.region(0.0).into_iter().map(|t| (t, DVec3::X));
+    let muscle = Muscle {
+        fibres: fibres.collect(),
+        tension: 5e3,
+    };
+    case.muscle = Some((muscle, 0.5));
+    case.steps = 60;
+    case
+}
+
+#[test]
+fn gradients_of_loaded_quadratic_bar_match_differences() {
+    let case = loaded_quadratic_bar();
+    let mut by = parameters(&case);
+    by.push(Parameter::Amplitude(AmplitudeId(0)));
+    by.push(Parameter::Amplitude(AmplitudeId(1)));
+    case.check(&quantities(&case), &by, TOLERANCE);
 }

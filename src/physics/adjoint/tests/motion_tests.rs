@@ -1,6 +1,6 @@
 //! Gradients of motions against central differences of repeated motions.
 
-use super::load_tests::pressed_bar;
+use super::load_tests::{loaded_quadratic_bar, pressed_bar};
 use super::material_tests::{parameters, poisson, quadratic_bar, quantities, stresses};
 use super::*;
 use crate::Error;
@@ -232,6 +232,14 @@ fn gradients_of_motion_under_loads_match_differences() {
         by.extend([0, 1].map(|k| Parameter::Amplitude(AmplitudeId(k))));
         case.check_motion(&of_motion(&case)[..4], &by);
     }
+}
+
+#[test]
+fn gradients_of_motion_of_loaded_quadratic_tets_match_differences() {
+    let case = moving(loaded_quadratic_bar(), SolverKind::Midpoint);
+    let mut by = of_body(&case);
+    by.extend([0, 1].map(|k| Parameter::Amplitude(AmplitudeId(k))));
+    case.check_motion(&of_motion(&case)[..4], &by);
 }
 
 #[test]

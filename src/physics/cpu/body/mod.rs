@@ -9,6 +9,10 @@ mod force_balance;
 mod freedoms;
 pub(super) mod implicit_step;
 mod motion_adjoint;
+#[cfg(test)]
+mod quadratic_load_tests;
+#[cfg(test)]
+mod quadratic_muscle_tests;
 pub(super) mod rigid;
 mod rigid_adjoint;
 #[cfg(test)]
