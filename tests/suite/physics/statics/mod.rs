@@ -14,7 +14,7 @@ use glam::{DMat3, DVec3};
 use palpate::mesh::{ElementOrder, LocalFrame, TET_EDGES, TetMesh};
 use palpate::physics::{
     CgSettings, CpuTets, DiscreteModel, Elements, LocalUnits, Material, MaterialModel, NodeTerm,
-    Precision, Simulator, SolverKind, VolumetricFormulation,
+    Precision, ScaledLoad, Simulator, SolverKind, VolumetricFormulation,
 };
 use std::sync::Arc;
 
@@ -60,6 +60,8 @@ struct Setup<'a> {
     pinned: Vec<u32>,
     /// On the nodes, N.
     forces: Vec<DVec3>,
+    /// A load with its amplitude.
+    scaled_load: Option<(ScaledLoad, f64)>,
     /// Initial positions of the nodes; pinned nodes stay there.
     start: Option<Vec<DVec3>>,
     slides: Option<Slides>,
@@ -73,6 +75,7 @@ impl<'a> Setup<'a> {
             kept: None,
             pinned: Vec::new(),
             forces: Vec::new(),
+            scaled_load: None,
             start: None,
             slides: None,
         }
@@ -111,6 +114,11 @@ impl<'a> Setup<'a> {
         body.pin_nodes(&self.pinned).unwrap();
         if !self.forces.is_empty() {
             body.set_forces(&self.forces).unwrap();
+        }
+        if let Some((load, amplitude)) = self.scaled_load {
+            let loads = body.scaled_loads().unwrap();
+            let id = loads.add_scaled_load(load).unwrap();
+            loads.set_amplitude(id, amplitude).unwrap();
         }
         if let Some(start) = &self.start {
             body.set_positions(start).unwrap();
