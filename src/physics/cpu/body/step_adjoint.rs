@@ -18,7 +18,7 @@
 
 use super::CpuBody;
 use super::rigid_adjoint::RigidEnds;
-use super::tangent::Forces;
+use super::tangent::{Forces, Tangent};
 use crate::Result;
 use crate::physics::DiscreteModel;
 use crate::physics::cpu::elements::damping_derivatives::damping_derivatives;
@@ -149,20 +149,7 @@ impl CpuBody<f64> {
             (&mut right, adjoint),
         );
         let heavier = 1.0 + step.mass_damping * gamma;
-        let nodes = self.plan.nodes();
-        let masses = self.masses[..nodes].iter().map(|m| heavier * m).collect();
-        let with = TangentParts {
-            unprojected: parts.unprojected,
-            pairs: parts.pairs,
-            loads: false,
-            rotations: true,
-            friction: parts.friction,
-        };
-        let acting = Forces {
-            net: &forces.net,
-            velocities: &step.w,
-        };
-        let mut tangent = self.linearise_exactly(with, (gamma, masses), acting);
+        let mut tangent = self.linearise_step(step, parts, forces);
         let mut b = self.restrict_forces(&right);
         if let Some(newton) = &self.newton {
             rigid_ends.add_to_freedoms(&newton.rigid, 3 * self.soft_nodes(), &mut b);
@@ -188,6 +175,26 @@ impl CpuBody<f64> {
             };
         }
         Ok(([z, stiff, damped], rigid_ends))
+    }
+
+    /// Linearises the forces of a step where it evaluates them.
+    fn linearise_step(&mut self, step: &Step, parts: StepParts, forces: &NetForces) -> Tangent {
+        let gamma = step.coefficients.gamma;
+        let heavier = 1.0 + step.mass_damping * gamma;
+        let nodes = self.plan.nodes();
+        let masses = self.masses[..nodes].iter().map(|m| heavier * m).collect();
+        let with = TangentParts {
+            unprojected: parts.unprojected,
+            pairs: parts.pairs,
+            loads: false,
+            rotations: true,
+            friction: parts.friction,
+        };
+        let acting = Forces {
+            net: &forces.net,
+            velocities: &step.w,
+        };
+        self.linearise_exactly(with, (gamma, masses), acting)
     }
 
     /// Returns D(u*) p, without friction.

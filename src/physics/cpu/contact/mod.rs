@@ -6,6 +6,7 @@ pub(super) mod ccd;
 pub(super) mod contact_derivatives;
 pub(super) mod enclosed_components;
 pub(super) mod friction_derivatives;
+pub(super) mod pair_friction;
 pub(super) mod parameters;
 pub(super) mod reference;
 pub(super) mod self_contact;

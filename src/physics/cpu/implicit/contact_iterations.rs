@@ -2,6 +2,7 @@
 //! friction updates, and iteration until contact forces converge.
 
 use super::contact_terms::{self_contact, self_contact_mut, tool_contact, tool_contact_mut};
+use super::friction_updates::MAX_EXACT_ITERATIONS;
 use super::linear_step::{LinearStepSolver, StepContext};
 use super::newton::{NewtonSolver, PROJECTED_SOLVES};
 use super::schemes::StepCoefficients;
@@ -26,19 +27,6 @@ pub(in crate::physics::cpu) const MAX_BLOCKED_MOTION_ITERATIONS: u32 = 400;
 /// Ratio of the squared residual to the squared convergence tolerance below which blocked
 /// prescribed motion resumes.
 pub(in crate::physics::cpu) const RESUME_RESIDUAL_RATIO: f64 = 1e3;
-
-/// Largest number of friction updates per step (lagged friction). One less than on the GPU, which
-/// does not test whether the forces still change (`contact_convergence.wgsl`).
-const MAX_FRICTION_UPDATES: u32 = 5;
-
-/// Steps that are solved to a residual below this, for gradients, update friction until it changes
-/// by ten times the residual, and at most this many times and rounds.
-const EXACT_RESIDUAL: f64 = 1e-6;
-const MAX_EXACT_FRICTION_UPDATES: u32 = 100;
-const MAX_EXACT_ITERATIONS: u32 = 400;
-
-/// Relative change of the normal forces above which another friction update follows.
-const FRICTION_FORCE_TOLERANCE: f64 = 3e-3;
 
 /// Ratio of the squared residual that triggers a friction update to the squared convergence
 /// tolerance.
@@ -384,52 +372,6 @@ impl<T: Real> NewtonSolver<T> {
         std::mem::swap(&mut self.best, &mut self.trial);
         self.rigid.accept_trial();
         iterations
-    }
-
-    /// Updates the lagged normal forces of friction from the best trial, and re-evaluates it.
-    /// Returns whether they changed significantly.
-    pub(in crate::physics::cpu) fn update_lagged_friction(
-        &mut self,
-        context: &StepContext<'_, T>,
-        terms: &mut [Box<dyn Term<T>>],
-        coefficients: StepCoefficients,
-    ) -> bool {
-        let self_change = self_contact_mut(terms).map_or(0.0, |term| {
-            term.update_lagged_friction(&self.best.displacements)
-        });
-        let change = tool_contact_mut(terms)
-            .map_or(0.0, |c| c.update_lagged_friction(&self.best.displacements));
-        let change = change.max(self_change);
-        if change > 0.0 {
-            let (best, scratch) = (&mut self.best, &mut self.forces);
-            best.evaluate(
-                context,
-                terms,
-                &self.damping_displacements,
-                scratch,
-                coefficients,
-            );
-        }
-        change > self.friction_limits().0
-    }
-
-    /// Whether steps are solved so far that lagged friction has converged.
-    pub(in crate::physics::cpu) fn is_exact(&self) -> bool {
-        self.settings.tolerance > 0.0 && self.settings.tolerance < EXACT_RESIDUAL
-    }
-
-    /// Whether tools or self-contact have friction.
-    pub(in crate::physics::cpu) fn has_friction(&self, terms: &[Box<dyn Term<T>>]) -> bool {
-        terms.iter().any(|term| term.is_friction() && term.damped())
-    }
-
-    /// Returns the relative change of the normal forces above which another friction update
-    /// follows, and the largest number of updates.
-    pub(in crate::physics::cpu) fn friction_limits(&self) -> (f64, u32) {
-        match self.is_exact() {
-            true => (10.0 * self.settings.tolerance, MAX_EXACT_FRICTION_UPDATES),
-            false => (FRICTION_FORCE_TOLERANCE, MAX_FRICTION_UPDATES),
-        }
     }
 
     /// Re-evaluates the best trial if the contact candidates changed, which friction depends on.

@@ -3,6 +3,7 @@
 pub(super) mod block_jacobi;
 pub(super) mod contact_iterations;
 pub(super) mod contact_terms;
+mod friction_updates;
 pub(super) mod initial_guess;
 pub(super) mod line_search;
 pub(super) mod linear_step;
