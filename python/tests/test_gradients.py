@@ -100,12 +100,15 @@ def test_gradient_of_motion_along_paths_matches_differences() -> None:
     x, y = 0.5 * (low + high)[:2]
 
     def pressed(young: float = 1e4, shift: float = 0.0) -> palpate.Simulator:
-        path = [
-            [0.0, x + shift, y, high[2] + 0.42 * thick],
-            [0.05, x + shift + 0.1 * thick, y, high[2] + 0.36 * thick],
-        ]
-        tool = {"shape": "sphere", "radius": 0.4 * thick, "friction": 0.3, "path": path}
-        scene = block(young=young).scene.updated({"solver.dt": 0.01, "tool": [tool]})
+        tool = {
+            "sphere": {"radius": 0.4 * thick},
+            "at": [x + shift, y, high[2] + 0.42 * thick],
+            "path": [[0.0, 0.0, 0.0, 0.0], [0.05, 0.1 * thick, 0.0, -0.06 * thick]],
+            "friction": 0.3,
+        }
+        # It rises against the tool.
+        rising = block(young=young, gravity=9.81)
+        scene = rising.scene.updated({"solver.dt": 0.01, "tool": [tool]})
         return palpate.Simulator(scene, precision="double")
 
     simulator = pressed()
