@@ -269,8 +269,9 @@ class Simulator:
         integral: bool = False,
         progress: Progress | None = None,
     ) -> Gradient:
-        """Does ``steps`` steps with constant loads, and returns a quantity of this motion and its
-        derivatives by parameters, by one linear solve for each step.
+        """Does ``steps`` steps, and returns a quantity of this motion and its derivatives by
+        parameters, by one linear solve for each step. Moves, paths of tools, and pressures and
+        activations over time go on; a derivative by one of them is that by a shift of its whole path.
 
         Args:
             steps: number of steps.

@@ -1,7 +1,9 @@
 //! A body at rest or in a step: its model, its state, its loads and its measured forces.
 
 use crate::mesh::TetMesh;
-use crate::physics::{DiscreteModel, ForceBalance, Material, Muscle, NodeTerm, Tool, ToolId};
+use crate::physics::{
+    DiscreteModel, ForceBalance, Material, Muscle, NodeTerm, SelfContactSettings, Tool, ToolId,
+};
 use crate::{Error, Result};
 use glam::DVec3;
 use std::sync::Arc;
@@ -28,9 +30,7 @@ pub(super) struct Equilibrium<'a> {
     pub faces: &'a [[u32; 3]],
     /// Muscles with the indices of their amplitudes.
     pub muscles: Vec<(&'a Muscle, usize)>,
-    pub has_self_contact: bool,
-    /// Coefficient of friction of self-contact.
-    pub self_friction: f64,
+    pub self_contact: Option<&'a SelfContactSettings>,
     /// Amplitudes of pressures and muscles.
     pub amplitudes: Vec<f64>,
     pub gravity: DVec3,
@@ -112,7 +112,8 @@ impl Equilibrium<'_> {
 
     /// Whether tools or self-contact have friction.
     pub fn has_friction(&self) -> bool {
-        self.self_friction > 0.0 || self.tools.iter().any(|tool| tool.friction > 0.0)
+        self.self_contact.is_some_and(|own| own.friction > 0.0)
+            || self.tools.iter().any(|tool| tool.friction > 0.0)
     }
 
     /// Checks that the tool exists.

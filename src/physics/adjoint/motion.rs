@@ -115,8 +115,9 @@ pub(super) fn gradient_of_motion(
         let end = pass.engine.serialise_state()?;
         let reverse = pass.reverse(&mut result.computed);
         // A state resumes with the loads of its last step.
-        let last = (pass.loads)(task.steps - 1)?;
-        pass.engine.begin_step(last)?;
+        if let Some(last) = (pass.loads)(task.steps - 1)? {
+            pass.engine.apply_loads(last)?;
+        }
         pass.engine.resume(&end)?;
         reverse
     });
@@ -166,7 +167,7 @@ fn check_task(body: &Equilibrium<'_>, task: &MotionTask<'_>) -> Result<()> {
 /// Checks that a parameter is none of those that rigid regions have no derivatives by.
 fn check_rigid(body: &Equilibrium<'_>, scheme: SolverKind, parameter: &Parameter) -> Result<()> {
     let is_midpoint = scheme == SolverKind::Midpoint;
-    let masses = |tets: &mut dyn Iterator<Item = u32>| {
+    let refuse_masses = |tets: &mut dyn Iterator<Item = u32>| {
         let mut nodes = tets.flat_map(|t| body.mesh.tets[t as usize]);
         match nodes.any(|v| body.is_rigid(v)) {
             false => Ok(()),
@@ -183,11 +184,11 @@ fn check_rigid(body: &Equilibrium<'_>, scheme: SolverKind, parameter: &Parameter
                 "node {node} belongs to a rigid region, which begins in the pose and with the momentum that fit all of its nodes; choose a node of the soft tissue"
             )))
         }
-        Parameter::Density { tets } if is_midpoint => masses(&mut tets.iter().copied()),
+        Parameter::Density { tets } if is_midpoint => refuse_masses(&mut tets.iter().copied()),
         Parameter::RestPosition { node, .. } if is_midpoint => {
             let all = 0..body.mesh.tets.len();
             let around = all.filter(|t| body.mesh.tets[*t].contains(node));
-            masses(&mut around.map(|t| t as u32))
+            refuse_masses(&mut around.map(|t| t as u32))
         }
         _ => Ok(()),
     }

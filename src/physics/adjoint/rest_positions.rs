@@ -26,7 +26,7 @@ pub(super) fn check_rest_position(body: &Equilibrium<'_>, node: u32) -> Result<(
             "node {node} belongs to a rigid region, which has no derivative by rest positions; choose a node of the soft tissue"
         )));
     }
-    match body.has_self_contact {
+    match body.self_contact.is_some() {
         true => Err(Error::Input(
             "the gaps of self-contact depend on the distances at rest: there is no derivative by rest positions; disable self-contact".into(),
         )),

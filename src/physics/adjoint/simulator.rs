@@ -64,7 +64,7 @@ impl Gradients for CpuTets {
         let mut loads = self.loads.clone();
         let constant = |loads: &Loads| {
             let versions = loads.versions;
-            (versions.constraints, versions.forces)
+            (versions.constraints, versions.forces, loads.gravity())
         };
         let unchanged = constant(&loads);
         let mut schedule = schedule;
@@ -76,7 +76,7 @@ impl Gradients for CpuTets {
             match constant(&loads) == unchanged {
                 true => Ok(Some(step_load_update(&loads))),
                 false => Err(Error::Input(
-                    "a gradient of a motion requires constant forces and supports: only the paths of supports and tools, pressures and activations may change".into(),
+                    "a gradient of a motion requires constant forces, gravity and supports: only the paths of supports and tools, pressures and activations may change".into(),
                 )),
             }
         };
@@ -104,7 +104,8 @@ impl Gradients for CpuTets {
             gradient_of_motion(moving, adjoint, &task, &mut of_step)
         };
         self.loads = loads;
-        self.synced_loads = Some(self.loads.versions);
+        // After an error the body may have some of the loads of the next step only.
+        self.synced_loads = done.gradient.is_ok().then_some(self.loads.versions);
         self.progress = self.worker.count_steps(done.taken, dt, done.last);
         self.changes += 1;
         self.upload_now()?;
@@ -157,8 +158,7 @@ fn equilibrium<'a>(
         tools: &model.tools,
         faces,
         muscles: muscles.collect(),
-        has_self_contact: model.self_contact.is_some(),
-        self_friction: model.self_contact.as_ref().map_or(0.0, |own| own.friction),
+        self_contact: model.self_contact.as_ref(),
         amplitudes: loads.amplitudes().to_vec(),
         gravity: loads.gravity(),
         pinned: loads.pinned(),

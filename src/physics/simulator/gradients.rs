@@ -168,18 +168,22 @@ pub trait Gradients {
     /// and if the linear solve does not converge.
     fn gradient(&mut self, quantity: &Quantity, parameters: &[Parameter]) -> Result<Gradient>;
 
-    /// Takes a number of steps of a length in seconds from the current state, with constant loads or
-    /// those that `schedule` sets for the step of an index (prescribed motions, tool targets and
-    /// amplitudes; several times for a step), and to a residual of 1e-10, and returns a quantity at their end and its derivatives by
-    /// parameters. If `integral`, the quantity is integrated over time: summed after every step, times
-    /// the length of the step, s. A parameter of a support, tool, pressure or muscle that moves or
-    /// changes is a shift of its whole path. It keeps up to 1 GiB of states; a longer motion is computed twice.
+    /// Takes a number of steps of a length in seconds from the current state and returns a quantity
+    /// at their end and its derivatives by parameters. If `integral`, the quantity is integrated over
+    /// time: summed after every step, times the length of the step, s.
+    ///
+    /// Loads are constant, or `schedule` sets the prescribed motions, tool targets and amplitudes of
+    /// the step of an index; it is called more than once for some steps. A parameter of one of these
+    /// is a shift of its whole path. Steps are solved to a residual of 1e-10, and friction until it
+    /// changes by less than 1e-9. Up to 1 GiB of states is kept; a longer motion is computed twice.
     /// `progress` gets the fraction of both passes.
     ///
     /// # Errors
     /// [`Error::Solver`](crate::Error::Solver) if a step fails;
-    /// [`Error::Input`](crate::Error::Input) as [`Gradients::gradient`], and for a body of springs,
-    /// and combinations that have no gradient of a motion;
+    /// [`Error::Input`](crate::Error::Input) as [`Gradients::gradient`], and for what has no gradient
+    /// of a motion: springs; nodes that begin inside a tool; forces on supports and rigid regions
+    /// under damping or friction; masses of rigid regions in the midpoint rule; averaged volumes and
+    /// rest positions under stiffness-proportional damping;
     /// [`Error::Cancelled`](crate::Error::Cancelled). The body keeps the steps that were taken.
     fn gradient_of_motion(
         &mut self,

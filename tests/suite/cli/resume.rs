@@ -158,11 +158,18 @@ fn resume_after_kill_matches_uninterrupted_run() {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        // At any moment of a frame, and well before the end: the machine may run faster by then.
+        // At any moment of a frame, and at least a frame before the end, however fast it runs by then.
         let frame = 2 * u64::from(kill) + dice.below(2);
         let mark = broken.join(format!("bar_{frame:05}.vtu"));
         comes(&mark, &mut child);
-        std::thread::sleep(Duration::from_millis(dice.below(2 * a_frame)));
+        let (since, pause) = (
+            Instant::now(),
+            Duration::from_millis(dice.below(2 * a_frame)),
+        );
+        let too_late = broken.join(format!("bar_{:05}.vtu", frame + 3));
+        while since.elapsed() < pause && !too_late.exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         killed_running += u32::from(child.try_wait().unwrap().is_none());
         child.kill().unwrap();
         child.wait().unwrap();

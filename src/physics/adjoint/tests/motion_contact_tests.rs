@@ -172,7 +172,7 @@ fn gradients_of_motion_of_rigid_region_match_differences() {
                 }));
             }
             let mut by = of_body(&case);
-            by.retain(|p| check_rigid_parameter(&case, kind, p));
+            by.retain(|p| has_derivative(&case, kind, p));
             // Differences of a hinged region have rounding errors of some 4e-6.
             let tolerance = if is_hinged { 10.0 } else { 1.0 } * TOLERANCE;
             case.check_motion_to(tolerance, &of, &by);
@@ -181,7 +181,7 @@ fn gradients_of_motion_of_rigid_region_match_differences() {
 }
 
 /// Whether the motion of a body with a rigid second half has a derivative by a parameter.
-fn check_rigid_parameter(case: &Case, kind: SolverKind, parameter: &Parameter) -> bool {
+fn has_derivative(case: &Case, kind: SolverKind, parameter: &Parameter) -> bool {
     let rigid = rigid_nodes(case);
     let is_soft = |node: &u32| !rigid.contains(&(*node as usize));
     match parameter {

@@ -225,8 +225,9 @@ impl<T: Real> CpuBody<T> {
             .collect()
     }
 
-    /// Returns the force on every node at the current state, N: terms with damping, and loads.
-    pub fn forces(&self) -> Vec<DVec3> {
+    /// Returns the force on every slot at the current displacements and the velocities `v`, local
+    /// units.
+    fn forces_at(&self, v: &[V4<T>]) -> Vec<V4<T>> {
         let mut forces = vec![zero(); self.engine_index.len()];
         let sources = ForceSources {
             plan: &self.plan,
@@ -236,9 +237,15 @@ impl<T: Real> CpuBody<T> {
         };
         let at = StateRef {
             u: &self.state.u,
-            v: &self.state.v,
+            v,
         };
-        self.plan.in_pool(|| sources.forces(at, &mut forces));
+        sources.forces(at, &mut forces);
+        forces
+    }
+
+    /// Returns the force on every node at the current state, N: terms with damping, and loads.
+    pub fn forces(&self) -> Vec<DVec3> {
+        let forces = self.plan.in_pool(|| self.forces_at(&self.state.v));
         let places = self.engine_index.iter().take(self.node_count());
         places
             .map(|k| to_metres(forces[*k as usize], self.units.force()))

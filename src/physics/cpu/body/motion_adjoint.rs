@@ -31,13 +31,8 @@ const STEP_LINEAR_TOLERANCE: f64 = 1e-3;
 impl MotionAdjoint for CpuBody<f64> {
     fn begin_motion(&mut self) -> Result<(MotionState, NewtonSettings)> {
         self.check_motion()?;
+        self.prepare_outside_tools()?;
         let before = self.state.u.clone();
-        let plan = Arc::clone(&self.plan);
-        plan.in_pool(|| self.prepare_forces())
-            .map_err(|failure| Error::Input(failure.to_string()))?;
-        if self.state.u != before {
-            return Err(inside_tool());
-        }
         // Contact at the start: an intersection would be separated in the first steps.
         let poses = self.rigid_poses();
         self.show_displacements((&before, &poses), &StepLoads::default())?;
@@ -66,13 +61,7 @@ impl MotionAdjoint for CpuBody<f64> {
         if let Some(change) = change {
             self.apply_loads(change)?;
         }
-        let before = self.state.u.clone();
-        let plan = Arc::clone(&self.plan);
-        plan.in_pool(|| self.prepare_forces())
-            .map_err(|failure| Error::Input(failure.to_string()))?;
-        if self.state.u != before {
-            return Err(inside_tool());
-        }
+        self.prepare_outside_tools()?;
         let nodes = self.attachments.iter().map(NodeConstraint::node);
         let slots = nodes.map(|v| self.engine_index[v as usize] as usize);
         let fixed = slots.filter(|i| *i < self.soft_nodes() && self.free_mask[*i] == 0.0);
@@ -197,10 +186,6 @@ impl MotionAdjoint for CpuBody<f64> {
     }
 }
 
-fn inside_tool() -> Error {
-    refused("of a body whose nodes begin inside a tool; begin without contact")
-}
-
 /// Returns the error for a body whose steps have no adjoint.
 fn refused(what: &str) -> Error {
     Error::Input(format!("there is no gradient of a motion {what}"))
@@ -230,6 +215,23 @@ impl CpuBody<f64> {
             }
         }
         all
+    }
+
+    /// Prepares the forces of a state.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if nodes are inside a tool, which a step pushes out.
+    fn prepare_outside_tools(&mut self) -> Result<()> {
+        let before = self.state.u.clone();
+        let plan = Arc::clone(&self.plan);
+        plan.in_pool(|| self.prepare_forces())
+            .map_err(|failure| Error::Input(failure.to_string()))?;
+        match self.state.u == before {
+            true => Ok(()),
+            false => Err(refused(
+                "of a body whose nodes begin inside a tool; begin without contact",
+            )),
+        }
     }
 
     /// Checks that the steps of the body have an adjoint.

@@ -8,7 +8,6 @@
 //! corrects for the rest.
 
 use super::CpuBody;
-use super::force_assembly::ForceSources;
 use crate::physics::CgSettings;
 use crate::physics::cpu::contact::contact_derivatives::PairTangent;
 use crate::physics::cpu::contact::friction_derivatives::FrictionTangent;
@@ -157,20 +156,10 @@ impl CpuBody<f64> {
     pub(super) fn linearise_static(&mut self, parts: TangentParts) -> Tangent {
         let zeros = vec![0.0; self.plan.nodes()];
         let still = vec![zero(); self.state.u.len()];
-        let mut net = still.clone();
-        if self.newton.as_ref().is_some_and(|n| !n.rigid.is_empty()) {
-            let sources = ForceSources {
-                plan: &self.plan,
-                masses: &self.masses,
-                loads: &self.loads,
-                terms: &self.terms,
-            };
-            let at = StateRef {
-                u: &self.state.u,
-                v: &still,
-            };
-            sources.forces(at, &mut net);
-        }
+        let net = match &self.newton {
+            Some(newton) if !newton.rigid.is_empty() => self.forces_at(&still),
+            _ => still.clone(),
+        };
         let forces = Forces {
             net: &net,
             velocities: &still,

@@ -391,6 +391,38 @@ fn block_sticks_below_friction_angle_and_slides_above() {
     assert!((curve / expected - 1.0).abs() < 0.05, "{curve} {expected}");
 }
 
+/// The lower side of a block sticks to a plane that is pressed against it and moves sideways, whatever
+/// the scheme: also where forces are evaluated in the middle of a step.
+#[test]
+fn block_sticks_to_moving_plane() {
+    for kind in [SolverKind::Implicit, SolverKind::Bdf2, SolverKind::Midpoint] {
+        let mesh = box_mesh([3, 3, 2], DVec3::new(0.1, 0.1, 0.05), Split::Five).unwrap();
+        let mut pressed = Pressed::<f64>::new(&mesh, &material(0.3), kind, 1);
+        let below = DVec3::new(0.0, 0.0, -1e-3);
+        pressed.add(Shape::Plane, below, 0.5);
+        let pinned = mesh.nodes.iter().map(|p| p.z > 0.049).collect::<Vec<_>>();
+        pressed.body.set_pinned(&pinned).unwrap();
+        let steps = |count: u32| (1..=count).map(move |k| f64::from(k) / f64::from(count));
+        for share in steps(20) {
+            pressed.go(below + DVec3::Z * (3e-3 * share), 0.01);
+        }
+        let lower = |pressed: &Pressed<f64>| {
+            let x = pressed.places().into_iter().zip(&mesh.nodes);
+            let (sum, count) = x
+                .filter(|(_, rest)| rest.z < 1e-9)
+                .fold((0.0, 0.0), |(sum, count), (x, _)| (sum + x.x, count + 1.0));
+            sum / count
+        };
+        let (start, pressed_plane) = (lower(&pressed), below + DVec3::Z * 3e-3);
+        let way = 2e-4;
+        for share in steps(20) {
+            pressed.go(pressed_plane + DVec3::X * (way * share), 0.01);
+        }
+        let moved = lower(&pressed) - start;
+        assert!((moved / way - 1.0).abs() < 0.1, "{kind}: {moved} m");
+    }
+}
+
 #[test]
 fn fast_sphere_has_no_tunnelling() {
     let mesh = box_mesh([10, 10, 5], DVec3::new(1.0, 1.0, 0.5), Split::Five).unwrap();

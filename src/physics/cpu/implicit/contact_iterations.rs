@@ -384,14 +384,7 @@ impl<T: Real> NewtonSolver<T> {
         self.candidates_changed =
             tool_contact_mut(terms).is_some_and(|c| std::mem::take(&mut c.candidates_changed));
         if self.candidates_changed {
-            let (best, scratch) = (&mut self.best, &mut self.forces);
-            best.evaluate(
-                context,
-                terms,
-                &self.damping_displacements,
-                scratch,
-                coefficients,
-            );
+            self.evaluate_best(context, terms, coefficients);
         }
     }
 

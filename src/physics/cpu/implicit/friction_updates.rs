@@ -38,16 +38,26 @@ impl<T: Real> NewtonSolver<T> {
             .map_or(0.0, |c| c.update_lagged_friction(&self.best.displacements));
         let change = change.max(self_change);
         if change > 0.0 {
-            let (best, scratch) = (&mut self.best, &mut self.forces);
-            best.evaluate(
-                context,
-                terms,
-                &self.damping_displacements,
-                scratch,
-                coefficients,
-            );
+            self.evaluate_best(context, terms, coefficients);
         }
         change > self.friction_limits().0
+    }
+
+    /// Re-evaluates the best trial with the friction that there is now.
+    pub(super) fn evaluate_best(
+        &mut self,
+        context: &StepContext<'_, T>,
+        terms: &[Box<dyn Term<T>>],
+        coefficients: StepCoefficients,
+    ) {
+        let (best, scratch) = (&mut self.best, &mut self.forces);
+        best.evaluate(
+            context,
+            terms,
+            &self.damping_displacements,
+            scratch,
+            coefficients,
+        );
     }
 
     /// Whether steps are solved so far that lagged friction has converged.
