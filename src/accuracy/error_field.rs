@@ -19,6 +19,26 @@ pub(crate) fn with_error_field(mut mesh: TetMesh, shares: &[f64]) -> Result<TetM
     Ok(mesh)
 }
 
+/// Adds the sizes of the elements of a mesh in place of its errors: the logarithm to base 2 of their
+/// mean edge length over the largest one, so that a colour is a level of refinement.
+///
+/// # Errors
+/// As [`with_error_field`].
+pub(crate) fn with_size_field(mesh: TetMesh) -> Result<TetMesh> {
+    let pieces = mesh.tets.len() / mesh.element_count().max(1);
+    let volumes: Vec<f64> = (0..mesh.tets.len())
+        .map(|t| mesh.tet_volume(t).abs())
+        .collect();
+    let volumes: Vec<f64> = volumes.chunks(pieces).map(|own| own.iter().sum()).collect();
+    let largest = volumes.iter().copied().fold(0.0, f64::max);
+    let level = |volume: &f64| (volume / largest).max(f64::MIN_POSITIVE).log2() / 3.0;
+    let levels = volumes.iter().map(level);
+    let sizes: Vec<f64> = levels
+        .flat_map(|level| std::iter::repeat_n(level, pieces))
+        .collect();
+    with_error_field(mesh, &sizes)
+}
+
 /// Returns a static stage of `mesh`, the body of `stage` with the field `error`, seen as there.
 ///
 /// # Errors

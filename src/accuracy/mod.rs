@@ -8,10 +8,17 @@
 
 mod error_field;
 mod finer_body;
+mod recovery;
+mod refined_stage;
+mod refinement;
 mod rest;
 
-pub(crate) use error_field::{error_stage, with_error_field};
+pub(crate) use error_field::{error_stage, with_error_field, with_size_field};
 pub(crate) use finer_body::{FinerBody, RestBody, quasi_static_step, settle};
+pub(crate) use recovery::recovery_errors;
+pub(crate) use refined_stage::{MAX_RAISED_TETS, of_order};
+pub use refinement::Round;
+pub(crate) use refinement::{Refinable, Refined, Solution, refine};
 pub use rest::{ForceError, RestErrors};
 #[cfg(feature = "study")]
 pub(crate) use {finer_body::EQUILIBRIUM_TOLERANCE, rest::errors_at_rest};

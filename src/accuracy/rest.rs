@@ -15,7 +15,7 @@ const WHAT: &str = "estimating the error";
 
 /// Largest kinetic energy of a body whose errors are estimated, over the elastic energy. Its motion is
 /// part of the error.
-const MAX_KINETIC_SHARE: f64 = 0.01;
+pub(super) const MAX_KINETIC_SHARE: f64 = 0.01;
 
 /// Estimated errors of the numbers of a body at rest or in slow motion, as those of its equilibrium
 /// under the loads of the moment: pressures, muscles, moved and grabbed nodes and tools are held.
@@ -98,7 +98,7 @@ impl RestErrors {
 }
 
 /// Returns the kinetic energy of a body over its elastic energy.
-fn kinetic_share(motion: &Motion) -> Result<f64> {
+pub(super) fn kinetic_share(motion: &Motion) -> Result<f64> {
     let energy = motion.report()?.energy;
     Ok(match energy.kinetic > 0.0 && !motion.asleep() {
         true => energy.kinetic / energy.elastic,

@@ -1,14 +1,13 @@
 //! Flags shared by all commands that render; they override the values of a scene.
 
+use super::refinement::AccuracyFlags;
 use super::volume_flag::{self, VolumeFlag};
 use clap::Args;
 use palpate::annotate::Axes;
 use palpate::mesh::AnatomicalFrame;
 use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::render::{Isosurface, Light};
-use palpate::scene::{
-    IsosurfaceEntry, MaterialEntry, OrderChoice, PlaneEntry, ScanEntry, Scene, Unit,
-};
+use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -208,10 +207,6 @@ pub struct SceneFlags {
     /// of several volumes in the file of --scan, or else in the input
     #[arg(long, value_name = "VOLUME", help_heading = "Physics")]
     pub volume: Vec<VolumeFlag>,
-    /// Set the order of the finite elements: 1 (linear tets), 2 (quadratic tets, far fewer of which
-    /// have the same error) or auto (2 for at most 30,000 tets) [default: 1; auto for a single press]
-    #[arg(long, value_name = "N", help_heading = "Physics")]
-    pub order: Option<OrderChoice>,
     /// Set the density, in kg/m³
     #[arg(long, help_heading = "Physics")]
     pub density: Option<f64>,
@@ -253,6 +248,8 @@ pub struct SceneFlags {
     /// [default: only if the load is chosen automatically]
     #[arg(long, help_heading = "Physics")]
     pub allow_inversion: bool,
+    #[command(flatten)]
+    pub accuracy: AccuracyFlags,
 }
 
 impl SceneFlags {
@@ -272,6 +269,7 @@ impl SceneFlags {
             self.override_material(material);
         }
         self.override_mesh(&mut scene);
+        self.accuracy.apply_to(&mut scene);
         Ok(scene)
     }
 
@@ -358,7 +356,7 @@ impl SceneFlags {
         override_with(self.young, &mut material.young);
         override_with(self.poisson, &mut material.poisson);
         override_with(volume_flag::formulation(&self.volume), &mut material.volume);
-        override_with(self.order, &mut material.order);
+        override_with(self.accuracy.order, &mut material.order);
         override_with(self.density, &mut material.density);
         if self.damping.is_some() {
             (material.damping_ratio, material.damping_hz) = (None, None);

@@ -17,6 +17,7 @@ mod presets;
 mod press;
 mod press_map;
 mod progress;
+mod refinement;
 mod render;
 mod shell;
 mod simulate;

@@ -1,15 +1,15 @@
 //! `palpate press`: indents a body with a fingertip at one point or on a grid.
 
 use super::flags::{SceneFlags, Triple, triple};
-use super::{Outcome, press_map, print_json, progress};
+use super::{Outcome, press_map, print_json, progress, refinement};
 use clap::Args;
 use glam::{DVec2, DVec3};
-use palpate::accuracy::ErrorParts;
+use palpate::accuracy::{ErrorParts, Round};
 use palpate::gpu::Gpu;
 use palpate::io::{PvdSeries, atomic_write};
 use palpate::number_format::significant;
 use palpate::press::{MapOptions, Press, PressOptions, PressReport};
-use palpate::render::{Animation, Background};
+use palpate::render::{Animation, Background, Image};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
 use std::io::Write;
@@ -18,6 +18,9 @@ use std::time::Instant;
 
 /// Frame rate of the animation, 1/s.
 const FPS: f64 = 12.0;
+
+/// Frame rate of the film of the meshes, 1/s.
+const ROUNDS_PER_SECOND: f64 = 1.0;
 
 /// Arguments of `press`.
 #[derive(Args)]
@@ -35,8 +38,7 @@ pub struct PressArguments {
     /// Press on the boundary point visible at X,Y of the picture, in pixels from the upper left
     #[arg(long, value_name = "X,Y", value_parser = pixel)]
     pick: Option<Pixel>,
-    /// Set the radius of the fingertip, in the mesh's unit [default: a quarter of the local thickness,
-    /// at most a 20th of the body's diagonal, at least 1 to 1.5 edge lengths of the mesh]
+    /// Set the radius of the fingertip, in the mesh's unit [default: a fifth of the body's mean chord]
     #[arg(long)]
     radius: Option<f64>,
     /// Set the indentation depth, in the mesh's unit [default: a tenth of the local thickness]
@@ -77,8 +79,16 @@ fn pixel(text: &str) -> std::result::Result<Pixel, String> {
 pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
     let out = &arguments.out;
     let scene = arguments.scene.scene(&arguments.input)?;
+    if arguments.scene.accuracy.of.is_some() {
+        anyhow::bail!("a press is refined for its largest force; remove --of");
+    }
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
     if let Some(points) = arguments.map {
+        if arguments.scene.accuracy.within.is_some() {
+            anyhow::bail!(
+                "a map has no --within; refine the mesh for a single press (--at), or set --order 2 and --tets"
+            );
+        }
         let wanted = MapOptions {
             points,
             radius: arguments.radius,
@@ -112,7 +122,10 @@ pub fn press(
     wanted: &PressOptions,
     (out, with_errors): (&Path, bool),
 ) -> anyhow::Result<PressReport> {
-    let mut press = progress::with_message("preparing", || Press::new(gpu, scene, wanted))?;
+    let mut press = match scene.accuracy.within {
+        Some(_) => refined_press(gpu, (scene, wanted), out)?,
+        None => progress::with_message("preparing", || Press::new(gpu, scene, wanted))?,
+    };
     super::print_notes(press.notes());
     let spot = *press.site();
     super::print_notes(&[format!(
@@ -191,7 +204,36 @@ pub fn press(
     }
     super::print_notes(&report.warnings);
     print_result(out, &report, seconds);
+    if let Some(why) = press.missed() {
+        anyhow::bail!("the largest force is not as exact as wanted (--within): {why}");
+    }
     Ok(report)
+}
+
+/// Refines the body for a press, and prints and draws each mesh on the way.
+fn refined_press(
+    gpu: &Gpu,
+    (scene, wanted): (&Scene, &PressOptions),
+    out: &Path,
+) -> anyhow::Result<Press> {
+    let mut pictures = Vec::new();
+    let mut on_round = |round: &Round, draw: &mut dyn FnMut() -> Result<Image>| -> Result<()> {
+        super::print_notes(&[refinement::in_words(round, "N")]);
+        pictures.push(draw()?);
+        Ok(())
+    };
+    let press = progress::with_stages(|progress| {
+        Press::refined(gpu, (scene, wanted), &mut on_round, progress)
+    })?;
+    if let Some(first) = pictures.first() {
+        let mut film =
+            Animation::create(out.join("refinement.gif"), first.size, ROUNDS_PER_SECOND)?;
+        for picture in &pictures {
+            film.push(picture, Background::Black)?;
+        }
+        film.finish()?;
+    }
+    Ok(press)
 }
 
 /// Writes a picture and a mesh of the places where the mesh is too coarse, if the error is known.

@@ -3,7 +3,7 @@
 use super::film::AnimationFlags;
 use super::flags::SceneFlags;
 use super::mesh::write_report;
-use super::{Outcome, print_json, progress};
+use super::{Outcome, print_json, progress, refinement};
 use clap::Args;
 use glam::DVec2;
 use palpate::accuracy::RestErrors;
@@ -115,10 +115,10 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     });
     let shows_error = take_error_field(&mut scene);
     let parts = last.filter(|frame| frame.single_file().is_none());
-    let mut stage = progress::with_message("preparing", || match parts {
-        None => Stage::new(gpu, &scene),
-        Some(frame) => Stage::with_mesh(gpu, &scene, frame.read()?),
-    })?;
+    let (mut stage, missed) = match parts {
+        None => refinement::stage(gpu, &scene)?,
+        Some(frame) => (Stage::with_mesh(gpu, &scene, frame.read()?)?, None),
+    };
     super::print_notes(stage.notes());
     if let Some(frame) = last {
         let frames = series.iter().flatten();
@@ -195,6 +195,7 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
             )]),
         }
     }
+    refinement::check(missed)?;
     Ok(Outcome::Done)
 }
 

@@ -3,7 +3,7 @@
 use super::film::{self, AnimationFlags};
 use super::flags::SceneFlags;
 use super::progress::ProgressReporter;
-use super::{Outcome, print_json, progress};
+use super::{Outcome, print_json, progress, refinement};
 use clap::Args;
 use glam::DVec3;
 use palpate::accuracy::{ForceError, RestErrors};
@@ -87,7 +87,10 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     };
     // The settings of the resumed run are kept, whatever the new number of frames.
     scene.solver.run = checkpoint.as_ref().map_or(Some(ahead), |kept| kept.run());
-    let mut stage = progress::with_message("preparing", || Stage::new(gpu, &scene))?;
+    if arguments.resume && scene.accuracy.within.is_some() {
+        anyhow::bail!("a run with --within begins anew on its refined mesh; remove --resume");
+    }
+    let (mut stage, missed) = refinement::stage(gpu, &scene)?;
     super::print_notes(stage.notes());
     let resumable = stage.motion().is_some_and(Motion::has_state);
     check_motion(arguments, &stage)?;
@@ -134,6 +137,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
         super::print_notes(&notes);
     }
     report(arguments, &stage, gpu, frames.times.len(), stage.time())?;
+    refinement::check(missed)?;
     Ok(Outcome::Done)
 }
 

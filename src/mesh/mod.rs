@@ -3,6 +3,7 @@
 //! This module is independent of files and of the GPU.
 
 mod anatomical_frame;
+mod bisection;
 mod blade;
 mod boundary;
 mod bvh;

@@ -1,6 +1,7 @@
 //! Force–depth curve of a press, and the stiffness and modulus fitted to it.
 
 use super::error::PressError;
+use crate::accuracy::Round;
 use serde::Serialize;
 
 /// Stiffness is fitted where the depth is at least this fraction of the maximum.
@@ -43,6 +44,9 @@ pub struct PressReport {
     pub error_parts: Option<PressError>,
     /// Why there is no estimate of the errors, if so.
     pub no_error_because: Option<String>,
+    /// The meshes on the way, if the body was refined for the press: the largest force on each.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rounds: Vec<Round>,
     /// Maximum depth.
     pub max_depth_m: f64,
     /// Where and how the press was made.
@@ -137,6 +141,7 @@ pub(super) fn report(
         hertz_young_error_pa: None,
         error_parts: None,
         no_error_because: None,
+        rounds: Vec::new(),
         max_depth_m: max_depth,
         conditions,
         seconds,

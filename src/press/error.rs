@@ -2,9 +2,10 @@
 //! the finer space.
 
 use super::curve::{self, PressConditions, PressSample};
+use super::refined::Refinement;
 use super::session::PressSession;
 use super::support_table::Table;
-use crate::accuracy::{ErrorParts, FinerBody, RestBody, mesh_factor, settle};
+use crate::accuracy::{ErrorParts, FinerBody, RestBody, mesh_factor};
 use crate::gpu::Gpu;
 use crate::number_format::significant;
 use crate::progress::ProgressScope;
@@ -126,6 +127,18 @@ struct OtherBody {
 
 impl ComparedBodies {
     pub fn new(gpu: &Gpu, body: &RestBody, session: &PressSession) -> Result<ComparedBodies> {
+        Ok(ComparedBodies {
+            same: body.copy(gpu)?,
+            finer: body.finer(gpu)?,
+            other: OtherBody::new(gpu, body, session)?,
+            factor: mesh_factor(body.order()),
+        })
+    }
+}
+
+impl OtherBody {
+    /// Creates the body; `None` if its table has one choice of faces only.
+    fn new(gpu: &Gpu, body: &RestBody, session: &PressSession) -> Result<Option<OtherBody>> {
         let table = session.setup().table.as_ref();
         let other = table.and_then(Table::other_support).map(|support| {
             let (other, nodes) = body.clone().with_last_pin(&support.nodes);
@@ -136,12 +149,7 @@ impl ComparedBodies {
                 share: support.share,
             })
         });
-        Ok(ComparedBodies {
-            same: body.copy(gpu)?,
-            finer: body.finer(gpu)?,
-            other: other.transpose()?,
-            factor: mesh_factor(body.order()),
-        })
+        other.transpose()
     }
 }
 
@@ -197,21 +205,10 @@ impl ErrorEstimator<'_> {
         let [same_force, own_change] =
             self.solve(&mut bodies.same, &state.positions, state.depth)?;
         check()?;
-        let support = match &mut bodies.other {
-            Some(other) => {
-                let mut positions = state.positions.clone();
-                for (v, rest) in &other.fixed {
-                    positions[*v as usize] = *rest;
-                }
-                let [force, _] = self.solve(&mut other.motion, &positions, state.depth)?;
-                other.share * (force - same_force).abs()
-            }
-            None => 0.0,
-        };
+        let support = self.support_part(&mut bodies.other, state, same_force)?;
         check()?;
         let positions = bodies.finer.positions_from(&state.positions);
         let [finer, change] = self.solve(&mut bodies.finer.motion, &positions, state.depth)?;
-        let gap = GAP_PER_RADIUS * self.session.radius() * self.session.unit();
         Ok(Correction {
             depth: self.session.unit() * state.depth,
             force: state.force,
@@ -220,10 +217,73 @@ impl ErrorEstimator<'_> {
                 mesh: bodies.factor * (state.force - finer).abs(),
                 time: (state.force - same_force).abs(),
                 solver: own_change + change,
-                contact: slope * gap,
+                contact: self.contact_part(slope),
                 support,
             },
         })
+    }
+
+    /// Returns the part of the gap of contact, N, for a curve of `slope` (N/m).
+    fn contact_part(&self, slope: f64) -> f64 {
+        slope * GAP_PER_RADIUS * self.session.radius() * self.session.unit()
+    }
+
+    /// Returns the part of the support, N, in a state of the given force.
+    fn support_part(
+        &self,
+        other: &mut Option<OtherBody>,
+        state: &LoadedState,
+        force: f64,
+    ) -> Result<f64> {
+        let Some(other) = other else {
+            return Ok(0.0);
+        };
+        let mut positions = state.positions.clone();
+        for (v, rest) in &other.fixed {
+            positions[*v as usize] = *rest;
+        }
+        let [moved, _] = self.solve(&mut other.motion, &positions, state.depth)?;
+        Ok(other.share * (moved - force).abs())
+    }
+
+    /// Returns the errors of a press on a refined body: the mesh part is the last change of its force
+    /// by the refinement. `None` without a contact force.
+    ///
+    /// # Errors
+    /// As [`ErrorEstimator::run`].
+    pub fn of_refined(
+        &self,
+        gpu: &Gpu,
+        (body, states): (&RestBody, &LoadedStates),
+        refinement: &Refinement,
+    ) -> Result<Option<PressError>> {
+        let Some((deepest, _)) = states.chosen().filter(|(s, _)| s.force > 0.0) else {
+            return Ok(None);
+        };
+        // A press to a force ends deeper than on the first mesh.
+        let is_same_state = deepest.depth == refinement.depth;
+        let force = if is_same_state {
+            refinement.force
+        } else {
+            deepest.force
+        };
+        let mut other = OtherBody::new(gpu, body, self.session)?;
+        let correction = Correction {
+            depth: self.session.unit() * deepest.depth,
+            force: deepest.force,
+            finer: force,
+            parts: ErrorParts {
+                mesh: refinement.error / refinement.force * deepest.force,
+                time: (deepest.force - force).abs(),
+                solver: refinement.change,
+                contact: self.contact_part(self.slope(deepest)),
+                support: self.support_part(&mut other, deepest, force)?,
+            },
+        };
+        let mut error = self.errors(&correction, None);
+        error.finer_elements = body.mesh().element_count();
+        error.tet_shares = refinement.tet_shares(body.mesh());
+        Ok(Some(error))
     }
 
     /// Returns the force of the deepest state in each of `levels` spaces, each finer than the one
@@ -255,15 +315,7 @@ impl ErrorEstimator<'_> {
 
     /// Returns the force in a state at a depth, solved again, and its last change.
     fn solve(&self, motion: &mut Motion, positions: &[DVec3], depth: f64) -> Result<[f64; 2]> {
-        let session = self.session;
-        let (tool, place) = session.fingertip_at(depth)?;
-        let outward = session.site().map_or(DVec3::Z, |site| site.outward);
-        motion.teleport_tool(tool, place)?;
-        let settled = settle(motion, (positions, session.step()), &mut |motion| {
-            Ok(vec![motion.tool_force(tool)?.dot(outward)])
-        })?;
-        let only = |values: Vec<f64>| values.first().copied().unwrap_or(f64::NAN);
-        Ok([only(settled.values), only(settled.changes)])
+        self.session.settle_at(motion, positions, depth)
     }
 
     /// Returns the slope of the curve at its deepest state, N/m.

@@ -9,6 +9,8 @@ mod error;
 mod interactive;
 mod interactive_error;
 mod map;
+mod question;
+mod refined;
 mod report;
 mod session;
 mod setup;
@@ -21,19 +23,21 @@ pub use curve::{Bed, PressConditions, PressReport, PressSample};
 pub use interactive::InteractiveStage;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 pub use session::PressSession;
-pub use setup::PressSetup;
+pub(crate) use setup::PressSetup;
 pub use site::PressSite;
 pub(crate) use validity::curve_warnings;
 
 use crate::accuracy::{RestBody, error_stage, with_error_field};
 use crate::gpu::Gpu;
-use crate::mesh::{TetMesh, Topology};
+use crate::mesh::TetMesh;
 use crate::number_format::significant;
 use crate::render::{Image, Plane, Sections};
 use crate::scene::{Scene, Stage};
 use crate::{Error, ProgressFn, Result, no_progress};
 use error::{ErrorEstimator, LoadedState, LoadedStates, PressError};
 use glam::{DVec2, DVec3};
+use question::Question;
+use refined::Refinement;
 use session::INITIAL_CLEARANCE;
 use site::Boundary;
 use web_time::Instant;
@@ -112,6 +116,8 @@ pub struct Press {
     /// The states that the error estimate starts from, and the estimate, or why there is none.
     states: LoadedStates,
     error: Option<std::result::Result<PressError, String>>,
+    /// The meshes on the way, if the body was refined for this press.
+    refinement: Option<Refinement>,
     notes: Vec<String>,
     gpu: Gpu,
 }
@@ -135,39 +141,21 @@ impl Press {
         (scene, mesh): (&Scene, TetMesh),
         wanted: &PressOptions,
     ) -> Result<Press> {
-        wanted.check()?;
-        let setup = PressSetup::on_table(scene, &mesh, wanted.radius)?;
-        let mut still = setup.scene.clone();
-        still.solver.name = None;
-        still.tool.clear();
-        let mut still = Stage::with_mesh(gpu, &still, mesh)?;
-        let mesh = still.mesh().clone();
-        let boundary = Boundary::new(&mesh, &Topology::new(&mesh), &mesh.nodes);
-        let site = site::find_site(&mut still, &boundary, wanted, setup.radius)?;
-        let camera = *still.camera_mut();
-        drop(still);
-        if setup
-            .table
-            .as_ref()
-            .is_some_and(|table| table.reaches(site.point))
-        {
-            return Err(Error::Input(format!(
-                "press point {} is too close to the table; press elsewhere (--at x,y,z or --pick X,Y), or change gravity (--gravity x,y,z)",
-                site.point
-            )));
-        }
-        let depth = match wanted.force {
-            Some(_) => MAX_DEPTH * site.thickness,
-            None => wanted.depth.unwrap_or(DEPTH * site.thickness),
-        };
+        let (question, mesh) = Question::new(gpu, (scene, mesh), wanted)?;
+        Press::of_question(gpu, &question, scene, mesh)
+    }
+
+    /// Creates the press that `question` asks for, on a mesh of the same shape.
+    fn of_question(gpu: &Gpu, question: &Question, scene: &Scene, mesh: TetMesh) -> Result<Press> {
+        let setup = PressSetup::on_table(scene, &mesh, Some(question.radius))?;
         let untouched = setup.scene.material.poisson_of(&mesh)?;
         let mut stage = Stage::with_mesh(gpu, &setup.scene, mesh)?;
-        *stage.camera_mut() = camera;
+        *stage.camera_mut() = question.camera;
         let motion = stage.motion_mut().ok_or_else(session::static_body)?;
         let fixed = motion.simulator.loads().pinned().iter();
         let fixed_nodes = fixed.filter(|pinned| **pinned).count();
         let mut session = PressSession::new(setup, motion);
-        session.touch_site(motion, &Boundary::at_rest(motion), site)?;
+        session.touch_site(motion, &Boundary::at_rest(motion), question.site)?;
         let unit = motion.length_unit();
         let shape_error = motion.simulator.mesh().repairs.surface_distance;
         let shape_error = shape_error.map(|distances| distances.map(|d| unit * d));
@@ -178,9 +166,9 @@ impl Press {
             notes: notes.collect(),
             stage,
             session,
-            site,
-            depth,
-            force: wanted.force,
+            site: question.site,
+            depth: question.depth,
+            force: question.force,
             fixed_nodes,
             shape_error,
             left: None,
@@ -188,6 +176,7 @@ impl Press {
             ended: None,
             states: LoadedStates::default(),
             error: None,
+            refinement: None,
             gpu: gpu.clone(),
         })
     }
@@ -228,6 +217,12 @@ impl Press {
     /// # Errors
     /// As [`Stage::set_sections`].
     pub fn clip_at_press(&mut self) -> Result<()> {
+        let inside = self.sections_at_press();
+        self.stage.set_sections(&inside)
+    }
+
+    /// Returns the sections of the stage with the plane of [`Press::clip_at_press`].
+    fn sections_at_press(&mut self) -> Sections {
         let out = self.site.outward;
         let to_eye = self.stage.camera_mut().eye - self.site.point;
         let across = (to_eye - out * out.dot(to_eye)).normalize_or(out.any_orthonormal_vector());
@@ -242,7 +237,7 @@ impl Press {
             };
         let mut inside: Sections = self.stage.inside().clone();
         inside.planes.push(Plane::clip(self.site.point, across));
-        self.stage.set_sections(&inside)
+        inside
     }
 
     /// Advances one step: loading, and after the maximum depth unloading. `None` when finished.
@@ -368,7 +363,10 @@ impl Press {
         let conditions = self.conditions();
         let estimator = self.estimator(&conditions);
         let body = self.rest_body();
-        let found = body.and_then(|body| estimator.run(&self.gpu, (&body, &self.states), progress));
+        let found = body.and_then(|body| match &self.refinement {
+            Some(refinement) => estimator.of_refined(&self.gpu, (&body, &self.states), refinement),
+            None => estimator.run(&self.gpu, (&body, &self.states), progress),
+        });
         self.error = match found {
             Ok(found) => found.map(|mut error| {
                 error.seconds = start.elapsed().as_secs_f64();

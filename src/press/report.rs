@@ -11,6 +11,7 @@ impl Press {
     pub fn report(&self, seconds: f64) -> PressReport {
         let conditions = self.conditions();
         let mut report = curve::report(self.samples(), conditions, seconds, self.warnings());
+        report.rounds = self.rounds().to_vec();
         let total = |parts: &ErrorParts| Some(parts.total());
         match &self.error {
             Some(Ok(error)) => {

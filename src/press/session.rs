@@ -6,8 +6,9 @@ use super::interactive_error::PressedState;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::validity::{ContactProblem, body_warnings, contact_problem};
-use crate::accuracy::{ErrorParts, quasi_static_step};
+use crate::accuracy::{ErrorParts, quasi_static_step, settle};
 use crate::gpu::Gpu;
+use crate::mesh::TetMesh;
 use crate::scene::{Motion, Stage};
 use crate::{Error, FailureCause, ProgressFn, Result};
 use glam::DVec3;
@@ -57,7 +58,7 @@ struct Contact {
 
 impl PressSession {
     /// Creates the session of `motion`, which simulates the scene of `setup`.
-    pub fn new(setup: PressSetup, motion: &Motion) -> PressSession {
+    pub(crate) fn new(setup: PressSetup, motion: &Motion) -> PressSession {
         let press_dt = match setup.quasi_static {
             true => quasi_static_step(motion),
             false => motion.dt,
@@ -241,8 +242,13 @@ impl PressSession {
     }
 
     /// Returns what the session was created from.
-    pub fn setup(&self) -> &PressSetup {
+    pub(crate) fn setup(&self) -> &PressSetup {
         &self.setup
+    }
+
+    /// Returns a warning if the body of `mesh` is in several pieces without contact.
+    pub fn pieces_warning(&self, mesh: &TetMesh) -> Option<String> {
+        self.setup.pieces_warning(mesh)
     }
 
     /// Returns the assumptions, as text.
@@ -288,6 +294,34 @@ impl PressSession {
     pub(super) fn fingertip_at(&self, depth: f64) -> Result<(usize, DVec3)> {
         let contact = self.contact.as_ref().ok_or_else(not_placed)?;
         Ok((self.setup.tool, contact.place(depth)))
+    }
+
+    /// Records that the fingertip is at a depth, in file units.
+    pub(super) fn set_depth(&mut self, depth: f64) {
+        if let Some(contact) = &mut self.contact {
+            contact.depth = depth;
+        }
+    }
+
+    /// Starts `motion` at rest from `positions`, with the fingertip at a depth in file units, and takes
+    /// steps until the force has settled. Returns it and its last change, N.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without a placed fingertip; otherwise as a simulation step.
+    pub(super) fn settle_at(
+        &self,
+        motion: &mut Motion,
+        positions: &[DVec3],
+        depth: f64,
+    ) -> Result<[f64; 2]> {
+        let (tool, place) = self.fingertip_at(depth)?;
+        let outward = self.site().map_or(DVec3::Z, |site| site.outward);
+        motion.teleport_tool(tool, place)?;
+        let settled = settle(motion, (positions, self.step()), &mut |motion| {
+            Ok(vec![motion.tool_force(tool)?.dot(outward)])
+        })?;
+        let only = |values: Vec<f64>| values.first().copied().unwrap_or(f64::NAN);
+        Ok([only(settled.values), only(settled.changes)])
     }
 
     /// Returns Poisson's ratio of the tissue at the site, if it is known.

@@ -19,7 +19,7 @@ const NAME: &str = "fingertip";
 
 /// A scene with a fingertip that waits far from the body.
 #[derive(Clone, Debug)]
-pub struct PressSetup {
+pub(crate) struct PressSetup {
     /// The scene to simulate.
     pub scene: Scene,
     /// Number of the fingertip among the scene's kinematic tools.

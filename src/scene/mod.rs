@@ -187,6 +187,9 @@ pub struct Scene {
     /// Files written in addition to the pictures.
     #[serde(default)]
     pub output: OutputEntry,
+    /// How exact a number has to be.
+    #[serde(default)]
+    pub accuracy: AccuracyEntry,
     /// Notes of old keys in the scene file.
     #[serde(skip)]
     pub(crate) notes: Vec<String>,

@@ -1,5 +1,6 @@
 //! The entries of a scene file, deserialised with serde.
 
+mod accuracy;
 mod acting;
 mod body;
 mod inside;
@@ -10,6 +11,7 @@ mod picture;
 mod scan;
 mod tool;
 
+pub use accuracy::AccuracyEntry;
 pub(crate) use acting::{FibreEntry, MoveEntry, MuscleEntry, PressureEntry, TimeSeries};
 pub use body::{BodyEntry, JoinEntry, MeshSource, Unit};
 pub(crate) use body::{GridEntry, LabelsEntry, Lengths};

@@ -2,6 +2,7 @@
 
 mod closed_forms;
 mod coarse_meshes;
+mod refinement;
 mod slow_motion;
 
 use crate::press::{block, finger, pressed};

@@ -148,3 +148,68 @@ fn error_field_shows_coarse_places() {
         "{said}"
     );
 }
+
+#[test]
+fn bodies_are_refined_until_number_is_as_exact_as_wanted() {
+    let here = folder("errors_within");
+    let scene = here.join("sagging.toml");
+    std::fs::write(&scene, SAGGING.replace("order = 1\n", "")).unwrap();
+    let picture = here.join("sagging.png");
+    let render = [
+        "render",
+        text(&scene),
+        "--out",
+        text(&picture),
+        "--within",
+        "2%",
+    ];
+    let output = palpate(&render);
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && picture.exists(), "{notes}");
+    let rounds: Vec<&str> = notes
+        .lines()
+        .filter(|line| line.contains(" tets of order "))
+        .collect();
+    assert!(
+        rounds.len() >= 3 && rounds[0].contains("of order 1: "),
+        "{notes}"
+    );
+    assert!(rounds.last().unwrap().contains(" ± "), "{notes}");
+    // The best picture is there, and the exit code tells.
+    std::fs::remove_file(&picture).unwrap();
+    let output = palpate(&[&render[..5], &["0.001%", "--max-tets", "500"]].concat());
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && picture.exists(), "{notes}");
+    assert!(
+        notes.contains("not as exact as wanted (--within)"),
+        "{notes}"
+    );
+    // A press, with its film of the meshes.
+    let out = here.join("pressed");
+    let press = [
+        "press",
+        text(&scene),
+        "--out",
+        text(&out),
+        "--within",
+        "30%",
+        "--tets",
+        "900",
+    ];
+    let output = palpate(&[&press[..], &["--radius", "0.02", "--json"]].concat());
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        output.status.success() && out.join("refinement.gif").exists(),
+        "{notes}"
+    );
+    let report: serde_json::Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let rounds = report["rounds"].as_array().unwrap();
+    let error = rounds.last().unwrap()["error"].as_f64().unwrap();
+    assert!(
+        error <= 0.3 * report["max_force_n"].as_f64().unwrap(),
+        "{report}"
+    );
+    // A map compares places on one mesh.
+    let map = [&press[..4], &["--map", "2x2", "--within", "5%"]].concat();
+    assert!(failure(&palpate(&map)).contains("a map has no --within"));
+}

@@ -73,8 +73,8 @@ impl BodySession {
                 radius.unwrap_or_else(|| PressSite::default_radius(&mesh, &Topology::new(&mesh)))
             }
         };
-        let setup = fingertip.as_ref().ok().map(PressSession::setup);
-        let pieces = setup.and_then(|setup| setup.pieces_warning(&mesh));
+        let session = fingertip.as_ref().ok();
+        let pieces = session.and_then(|session| session.pieces_warning(&mesh));
         let press_notes = fingertip
             .as_ref()
             .map_or_else(|_| Vec::new(), PressSession::notes);

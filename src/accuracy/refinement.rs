@@ -1,0 +1,244 @@
+//! `--within`: a body is solved on finer and finer meshes until a number is within a share of itself.
+//!
+//! The first mesh is that of the scene. The order of its elements is raised first, if it can be; then
+//! the elements that carry most of the error are divided. The spaces of these rounds contain each
+//! other, so the numbers converge from one side, and the last change bounds the error that is left as
+//! long as each round halves it (`docs/accuracy.md`).
+
+use crate::mesh::{ElementOrder, FinerSpace, TetMesh};
+use crate::progress::ProgressScope;
+use crate::scene::AccuracyEntry;
+use crate::{Error, ProgressFn, Result};
+use glam::DVec3;
+use serde::Serialize;
+use web_time::Instant;
+
+/// Share of the error in energy that the divided elements carry.
+const DIVIDED_SHARE: f64 = 0.8;
+/// Safety factor of the error of a number.
+const SAFETY: f64 = 2.0;
+/// Smallest and largest ratio of the errors of two rounds that is relied on.
+const DECREASE: [f64; 2] = [0.2, 0.9];
+/// Largest number of rounds.
+const MAX_ROUNDS: usize = 12;
+
+/// How exact a number has to be.
+#[derive(Clone, Copy, Debug)]
+struct Goal {
+    /// Largest error, relative to the number.
+    share: f64,
+    max_elements: usize,
+}
+
+/// One mesh on the way.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Round {
+    /// Order of its elements.
+    pub order: u32,
+    /// Number of its elements.
+    pub elements: usize,
+    /// Number of its nodes.
+    pub nodes: usize,
+    /// The number, in its unit.
+    pub value: f64,
+    /// Its error; `None` in the first round.
+    pub error: Option<f64>,
+    /// Computing time of the round, s.
+    pub seconds: f64,
+}
+
+impl Round {
+    /// The error relative to the number.
+    pub fn share(&self) -> Option<f64> {
+        self.error.map(|error| error / self.value.abs())
+    }
+}
+
+/// The solution on one mesh.
+pub(crate) struct Solution {
+    /// The number.
+    pub value: f64,
+    /// Node positions, in file units.
+    pub positions: Vec<DVec3>,
+    /// For each element its part of the error in energy, J.
+    pub errors: Vec<f64>,
+}
+
+/// What is solved on finer and finer meshes.
+pub(crate) trait Refinable {
+    /// Solves on `mesh`, from the positions of the solution before.
+    ///
+    /// # Errors
+    /// Those of a simulation.
+    fn solve(&mut self, mesh: &TetMesh, start: Option<&[DVec3]>) -> Result<Solution>;
+
+    /// Whether bodies of `mesh`, which is of order 1, may have order 2.
+    fn may_raise_order(&self, mesh: &TetMesh) -> bool;
+
+    /// Called after each round, with its mesh.
+    fn after(&mut self, round: &Round, mesh: &TetMesh) -> Result<()>;
+}
+
+/// The last mesh.
+pub(crate) struct Refined {
+    pub mesh: TetMesh,
+    pub solution: Solution,
+    pub rounds: Vec<Round>,
+    /// Why the number is not as exact as wanted, and what it would take.
+    pub missed: Option<String>,
+}
+
+/// Solves `body` on `mesh` and on finer ones until its number is within the error that is wanted, or
+/// cannot be.
+///
+/// # Errors
+/// Those of [`Refinable`]; [`Error::Cancelled`].
+pub(crate) fn refine(
+    body: &mut dyn Refinable,
+    mesh: TetMesh,
+    wanted: &AccuracyEntry,
+    progress: ProgressFn,
+) -> Result<Refined> {
+    let goal = Goal {
+        share: wanted.within.ok_or_else(|| {
+            Error::Input("a refined body needs the largest error of its number; set it ([accuracy] within = \"2%\", --within 2%)".into())
+        })?,
+        max_elements: wanted.max_tets.unwrap_or(AccuracyEntry::MAX_TETS),
+    };
+    let report = |rounds: usize| {
+        let share = rounds as f64 / (rounds + 2) as f64;
+        ProgressScope::begin(progress, "refining the mesh", share).map(drop)
+    };
+    report(0)?;
+    let start = Instant::now();
+    let solution = body.solve(&mesh, None)?;
+    let first = round_of(&mesh, &solution, None, start);
+    body.after(&first, &mesh)?;
+    let mut now = Refined {
+        mesh,
+        solution,
+        rounds: vec![first],
+        missed: None,
+    };
+    while now.rounds.len() < MAX_ROUNDS {
+        report(now.rounds.len())?;
+        let start = Instant::now();
+        let Some(space) = next_space(body, &now)? else {
+            now.missed = Some("no element carries an error that could be divided".into());
+            return Ok(now);
+        };
+        if space.mesh.element_count() > goal.max_elements {
+            now.missed = Some(what_it_takes(&now.rounds, goal, space.mesh.element_count()));
+            return Ok(now);
+        }
+        let from = space.interpolate(&now.solution.positions);
+        let solution = match body.solve(&space.mesh, Some(&from)) {
+            Ok(solution) => solution,
+            Err(Error::Solver { what, .. }) => {
+                now.missed = Some(format!(
+                    "the next mesh has no equilibrium near this one ({what})"
+                ));
+                return Ok(now);
+            }
+            Err(other) => return Err(other),
+        };
+        let error = error_left(&now.solution, &solution);
+        let round = round_of(&space.mesh, &solution, Some(error), start);
+        body.after(&round, &space.mesh)?;
+        let reached = round.share().is_some_and(|share| share <= goal.share);
+        now.rounds.push(round);
+        (now.mesh, now.solution) = (space.mesh, solution);
+        if reached {
+            return Ok(now);
+        }
+    }
+    now.missed = Some(what_it_takes(&now.rounds, goal, usize::MAX));
+    Ok(now)
+}
+
+fn round_of(mesh: &TetMesh, solution: &Solution, error: Option<f64>, start: Instant) -> Round {
+    Round {
+        order: mesh.order.number(),
+        elements: mesh.element_count(),
+        nodes: mesh.nodes.len(),
+        value: solution.value,
+        error,
+        seconds: start.elapsed().as_secs_f64(),
+    }
+}
+
+/// Returns the error of the number of `now`, after the round of `before`: its change times q/(1 − q), the
+/// rest of a geometric series, if each round multiplies the error by the q by which this one has
+/// multiplied the error in energy; times a safety factor.
+fn error_left(before: &Solution, now: &Solution) -> f64 {
+    let energy = |solution: &Solution| solution.errors.iter().sum::<f64>();
+    let [least, most] = DECREASE;
+    let decrease = match energy(before) > 0.0 {
+        true => (energy(now) / energy(before)).clamp(least, most),
+        false => least,
+    };
+    SAFETY * decrease / (1.0 - decrease) * (now.value - before.value).abs()
+}
+
+/// Returns the next space; `None` if there is nothing to divide.
+fn next_space(body: &dyn Refinable, now: &Refined) -> Result<Option<FinerSpace>> {
+    if now.mesh.order == ElementOrder::Linear && body.may_raise_order(&now.mesh) {
+        return FinerSpace::new(&now.mesh).map(Some);
+    }
+    let chosen = largest(&now.solution.errors, DIVIDED_SHARE);
+    match chosen.contains(&true) {
+        true => FinerSpace::locally(&now.mesh, &chosen).map(Some),
+        false => Ok(None),
+    }
+}
+
+/// Returns which are the fewest elements that carry `share` of all errors (Dörfler 1996, "A convergent
+/// adaptive algorithm for Poisson's equation").
+fn largest(errors: &[f64], share: f64) -> Vec<bool> {
+    let mut order: Vec<usize> = (0..errors.len()).collect();
+    order.sort_by(|a, b| errors[*b].total_cmp(&errors[*a]));
+    let mut left = share * errors.iter().sum::<f64>();
+    let mut chosen = vec![false; errors.len()];
+    for e in order {
+        if left <= 0.0 || errors[e] <= 0.0 {
+            break;
+        }
+        chosen[e] = true;
+        left -= errors[e];
+    }
+    chosen
+}
+
+/// Says why the goal was missed and how many elements it would take, by the decrease of the last
+/// rounds.
+fn what_it_takes(rounds: &[Round], goal: Goal, next: usize) -> String {
+    let [.., before, last] = rounds else {
+        return format!(
+            "the next mesh has {next} elements, more than the {} allowed (--max-tets)",
+            goal.max_elements
+        );
+    };
+    let shares = before.share().zip(last.share());
+    let rate = shares.map(|(a, b)| {
+        let growth = (last.elements as f64 / before.elements as f64).ln();
+        ((a / b).ln() / growth, b)
+    });
+    let limit = match next {
+        usize::MAX => format!("{MAX_ROUNDS} rounds did not suffice"),
+        _ => format!(
+            "the next mesh has {next} elements, more than the {} allowed (--max-tets)",
+            goal.max_elements
+        ),
+    };
+    match rate.filter(|(rate, _)| *rate > 0.0) {
+        Some((rate, share)) => {
+            let wanted = last.elements as f64 * (share / goal.share).powf(1.0 / rate);
+            let digits = 10f64.powf(wanted.log10().floor() - 1.0);
+            format!(
+                "{limit}; by the last rounds some {} elements would suffice",
+                (wanted / digits).ceil() * digits
+            )
+        }
+        None => limit,
+    }
+}
