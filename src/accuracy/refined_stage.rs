@@ -51,18 +51,13 @@ impl Stage {
                 "a static body has no number to refine for; set a solver ([solver] name = \"implicit\"), or remove --within".into(),
             ));
         }
-        let may_raise = !matches!(scene.material.order, Some(OrderChoice::Exactly(_)));
-        let mut scene = scene.clone();
-        if may_raise {
-            scene.material.order = Some(OrderChoice::Exactly(ElementOrder::Linear));
-        }
         let number = match scene.accuracy.of.as_deref() {
             None | Some("displacement") => Number::Displacement,
             Some("energy") => Number::Energy,
             Some("volume") => Number::Volume,
             Some(name) => Number::Force(name.to_owned()),
         };
-        let mesh = scene.load_simulated_mesh(&no_progress)?;
+        let (scene, mesh, may_raise) = first_mesh(scene)?;
         let mut body = RestingBody {
             gpu,
             scene: &scene,
@@ -73,6 +68,30 @@ impl Stage {
         let Refined { mesh, missed, .. } = refine(&mut body, mesh, &scene.accuracy, progress)?;
         let scene = of_order(&scene, mesh.order);
         Ok((Stage::with_mesh(gpu, &scene, mesh)?, missed))
+    }
+}
+
+/// Returns a scene with the order of the elements of its first mesh, this mesh, and whether the order may
+/// be raised: linear tets, unless the order is set; curved ten-node tets of a file keep their shape.
+///
+/// # Errors
+/// As [`Scene::load_mesh`].
+pub(crate) fn first_mesh(scene: &Scene) -> Result<(Scene, TetMesh, bool)> {
+    if let Some(OrderChoice::Exactly(order)) = scene.material.order {
+        let mesh = scene.load_simulated_mesh(&no_progress)?;
+        return Ok((of_order(scene, order), mesh, false));
+    }
+    let mesh = scene.load_mesh(&no_progress)?;
+    let mut any = scene.clone();
+    any.material.order = Some(OrderChoice::Auto);
+    let is_curved = mesh.order == ElementOrder::Quadratic;
+    match is_curved && any.supports_order_2(&mesh, MAX_RAISED_TETS) {
+        true => Ok((of_order(scene, ElementOrder::Quadratic), mesh, false)),
+        false => {
+            let scene = of_order(scene, ElementOrder::Linear);
+            let mesh = scene.as_simulated(mesh);
+            Ok((scene, mesh, true))
+        }
     }
 }
 

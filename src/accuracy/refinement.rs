@@ -134,9 +134,10 @@ pub(crate) fn refine(
         let from = space.interpolate(&now.solution.positions);
         let solution = match body.solve(&space.mesh, Some(&from)) {
             Ok(solution) => solution,
-            Err(Error::Solver { what, .. }) => {
+            Err(Error::Solver { what, .. } | Error::Input(what)) => {
                 now.missed = Some(format!(
-                    "the next mesh has no equilibrium near this one ({what})"
+                    "a mesh of {} elements has no such equilibrium: {what}",
+                    space.mesh.element_count()
                 ));
                 return Ok(now);
             }

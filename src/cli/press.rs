@@ -218,7 +218,7 @@ fn refined_press(
 ) -> anyhow::Result<Press> {
     let mut pictures = Vec::new();
     let mut on_round = |round: &Round, draw: &mut dyn FnMut() -> Result<Image>| -> Result<()> {
-        super::print_notes(&[refinement::in_words(round, "N")]);
+        super::print_notes(&[refinement::in_words(round, ("force", "N"))]);
         pictures.push(draw()?);
         Ok(())
     };

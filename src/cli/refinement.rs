@@ -42,29 +42,25 @@ fn percent(text: &str) -> Result<f64, String> {
     AccuracyEntry::parse_share(text).map_err(|e| e.to_string())
 }
 
-/// Returns a line about a mesh on the way; `unit` is that of the number.
-pub fn in_words(round: &Round, unit: &str) -> String {
+/// Returns a line about a mesh on the way, with what the number is and its unit.
+pub fn in_words(round: &Round, (what, unit): (&str, &str)) -> String {
     let number = match round.error.zip(round.share()) {
         Some((mesh, share)) => {
             let error = ErrorParts {
                 mesh,
                 ..ErrorParts::default()
             };
-            format!(
-                "{} ({:.1} %)",
-                error.around(round.value, unit),
-                100.0 * share
-            )
+            let number = error.around(round.value, unit);
+            format!("{number} ({:.1} %)", 100.0 * share)
         }
         None => format!("{} {unit}", significant(round.value)),
     };
-    format!(
-        "{} tets of order {}: {}, {:.1} s",
-        round.elements,
-        round.order,
-        number.replace("  ", " "),
-        round.seconds
-    )
+    let line = format!(
+        "{} tets of order {}: {what} {number}, {:.1} s",
+        round.elements, round.order, round.seconds
+    );
+    // Numbers without a unit.
+    line.replace("  ", " ").replace(" , ", ", ")
 }
 
 /// Creates the stage of `scene`: on a refined mesh if it asks for that. Also returns why its number is
@@ -75,10 +71,10 @@ pub fn stage(gpu: &Gpu, scene: &Scene) -> palpate::Result<(Stage, Option<String>
         return Ok((stage, None));
     }
     let unit = match scene.accuracy.of.as_deref() {
-        None | Some("displacement") => "of displacement (in the mesh's unit)",
-        Some("energy") => "J",
-        Some("volume") => "of the volume at rest",
-        Some(_) => "N",
+        None | Some("displacement") => ("largest displacement", ""),
+        Some("energy") => ("elastic energy", "J"),
+        Some("volume") => ("volume ratio", ""),
+        Some(_) => ("force", "N"),
     };
     let mut on_round = |round: &Round| super::print_notes(&[in_words(round, unit)]);
     progress::with_stages(|progress| Stage::refined(gpu, scene, &mut on_round, progress))

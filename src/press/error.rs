@@ -246,8 +246,8 @@ impl ErrorEstimator<'_> {
         Ok(other.share * (moved - force).abs())
     }
 
-    /// Returns the errors of a press on a refined body: the mesh part is the last change of its force
-    /// by the refinement. `None` without a contact force.
+    /// Returns the errors of a press on a refined body, whose force in the last round has the error
+    /// `error_n` (N) by the mesh. `None` without a contact force.
     ///
     /// # Errors
     /// As [`ErrorEstimator::run`].
@@ -255,7 +255,7 @@ impl ErrorEstimator<'_> {
         &self,
         gpu: &Gpu,
         (body, states): (&RestBody, &LoadedStates),
-        refinement: &Refinement,
+        (refinement, error_n): (&Refinement, f64),
     ) -> Result<Option<PressError>> {
         let Some((deepest, _)) = states.chosen().filter(|(s, _)| s.force > 0.0) else {
             return Ok(None);
@@ -273,7 +273,7 @@ impl ErrorEstimator<'_> {
             force: deepest.force,
             finer: force,
             parts: ErrorParts {
-                mesh: refinement.error / refinement.force * deepest.force,
+                mesh: error_n / refinement.force * deepest.force,
                 time: (deepest.force - force).abs(),
                 solver: refinement.change,
                 contact: self.contact_part(self.slope(deepest)),

@@ -363,8 +363,10 @@ impl Press {
         let conditions = self.conditions();
         let estimator = self.estimator(&conditions);
         let body = self.rest_body();
-        let found = body.and_then(|body| match &self.refinement {
-            Some(refinement) => estimator.of_refined(&self.gpu, (&body, &self.states), refinement),
+        let refined = self.refinement.as_ref();
+        let refined = refined.and_then(|own| Some((own, own.error?)));
+        let found = body.and_then(|body| match refined {
+            Some(refined) => estimator.of_refined(&self.gpu, (&body, &self.states), refined),
             None => estimator.run(&self.gpu, (&body, &self.states), progress),
         });
         self.error = match found {

@@ -3,15 +3,15 @@
 use super::question::Question;
 use super::{Press, PressOptions, session, setup};
 use crate::accuracy::{
-    MAX_RAISED_TETS, Refinable, Refined, Round, Solution, error_stage, of_order, recovery_errors,
-    refine, with_size_field,
+    MAX_RAISED_TETS, Refinable, Refined, Round, Solution, error_stage, first_mesh, of_order,
+    recovery_errors, refine, with_size_field,
 };
 use crate::gpu::Gpu;
 use crate::mesh::{ElementOrder, PIECES, TetMesh};
 use crate::number_format::significant;
 use crate::render::Image;
 use crate::scene::{OrderChoice, Scene};
-use crate::{Error, ProgressFn, Result, no_progress};
+use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
 
 /// The meshes on the way to a press.
@@ -20,9 +20,10 @@ pub(super) struct Refinement {
     pub rounds: Vec<Round>,
     /// The largest depth, in file units.
     pub depth: f64,
-    /// The force there in the last round, its error by the mesh, and its last change in that round, N.
+    /// The force there in the last round, its error by the mesh (`None` after a single round), and its
+    /// last change in that round, N.
     pub force: f64,
-    pub error: f64,
+    pub error: Option<f64>,
     pub change: f64,
     /// Part of each element of the last mesh in the error in energy, J.
     errors: Vec<f64>,
@@ -52,8 +53,8 @@ type Draw<'a> = &'a mut dyn FnMut() -> Result<Image>;
 
 impl Press {
     /// As [`Press::new`], on a mesh that is refined until the largest force is as exact as
-    /// [`Scene::accuracy`] asks for. Place, direction, radius, depth and the part on the table are those of the first mesh.
-    /// A press that misses the goal is returned all the same ([`Press::missed`]).
+    /// [`Scene::accuracy`] asks for. Place, direction, radius, depth and the part on the table are those
+    /// of the first mesh. A press that misses the goal is returned all the same ([`Press::missed`]).
     ///
     /// Calls `on_round` after each mesh, with a function that returns a picture of the pressed body, cut
     /// through the press, whose colours are the sizes of its elements.
@@ -67,12 +68,7 @@ impl Press {
         on_round: OnRound<'_>,
         progress: ProgressFn,
     ) -> Result<Press> {
-        let may_raise = !matches!(scene.material.order, Some(OrderChoice::Exactly(_)));
-        let mut scene = scene.clone();
-        if may_raise {
-            scene.material.order = Some(OrderChoice::Exactly(ElementOrder::Linear));
-        }
-        let mesh = scene.load_simulated_mesh(&no_progress)?;
+        let (scene, mesh, may_raise) = first_mesh(scene)?;
         let (question, mesh) = Question::new(gpu, (&scene, mesh), wanted)?;
         let mut body = PressedBody {
             gpu,
@@ -96,7 +92,7 @@ impl Press {
             rounds,
             depth,
             force: solution.value,
-            error: error.unwrap_or(f64::INFINITY),
+            error,
             change,
             errors: solution.errors,
             missed,

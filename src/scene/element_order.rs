@@ -125,11 +125,15 @@ impl Scene {
     /// # Errors
     /// As [`Scene::load_mesh`].
     pub(crate) fn load_simulated_mesh(&self, progress: ProgressFn) -> Result<TetMesh> {
-        let mesh = self.load_mesh(progress)?;
-        Ok(match self.element_order(&mesh).0 {
+        Ok(self.as_simulated(self.load_mesh(progress)?))
+    }
+
+    /// Returns the mesh of this scene as it is simulated.
+    pub(crate) fn as_simulated(&self, mesh: TetMesh) -> TetMesh {
+        match self.element_order(&mesh).0 {
             ElementOrder::Linear => four_node_mesh(mesh),
             ElementOrder::Quadratic => mesh,
-        })
+        }
     }
 }
 

@@ -554,6 +554,19 @@ fn refined_press_says_what_goal_would_take() {
         "{why}"
     );
     assert!(press.rounds().iter().all(|r| r.elements <= 2_000));
+    // Without a second mesh, the error is estimated in the finer space.
+    let (mut press, _) = refined(&scene, 0.05, 100);
+    assert!(press.missed().is_some() && press.rounds().len() == 1);
+    while press.advance().unwrap().is_some() {}
+    press
+        .estimate_error(&|_, _| std::ops::ControlFlow::Continue(()))
+        .unwrap();
+    let report = press.report(1.0);
+    let error = report.max_force_error_n.unwrap();
+    assert!(
+        error > report.max_force_n - 3.886 && error < 8.0,
+        "{report:?}"
+    );
     // Linear tets, if the scene asks for them.
     let (press, _) = refined(&block("[picture]\nsize = [40, 30]\n"), 0.2, 20_000);
     assert!(

@@ -1,8 +1,11 @@
 //! Bodies at rest on meshes refined until a number is as exact as wanted.
 
 use crate::support::gpu;
+use glam::DVec3;
 use palpate::accuracy::Round;
+use palpate::mesh::ElementOrder;
 use palpate::scene::{Scene, Stage};
+use palpate::{generate, io};
 use std::ops::ControlFlow;
 
 /// A bar that sags to rest on two supports, with regions and a rigid end.
@@ -99,4 +102,36 @@ fn goals_that_cannot_be_met_are_explained() {
     let text = error("[accuracy]\nwithin = \"zero\"\n");
     assert!(text.contains("expected a percentage"), "{text}");
     assert!(error("").contains("--within 2%"));
+}
+
+#[test]
+fn curved_tets_of_file_stay_curved() {
+    let straight = generate::bar([6, 2, 2], DVec3::new(0.3, 0.1, 0.1)).unwrap();
+    let mut mesh = straight.with_mid_edge_nodes().unwrap();
+    let bend = |p: DVec3| DVec3::new(p.x, p.y, p.z + 0.5 * p.x * p.x);
+    mesh.nodes.iter_mut().for_each(|p| *p = bend(*p));
+    let file = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("curved_bar.vtu");
+    io::write(&file, &mesh).unwrap();
+    let source = format!("file = {:?}", file.to_str().unwrap());
+    let goal = "[accuracy]\nwithin = \"3%\"\n";
+    let text = BAR
+        .replace("generate = \"bar\"\n", "")
+        .replace("1e5", "1e6");
+    let scene = Scene::parse(&format!("{}{goal}", text.replace("tets = 320", &source))).unwrap();
+    let mut rounds = Vec::new();
+    let mut on_round = |round: &Round| rounds.push(round.clone());
+    let goes_on = |_: &str, _: f64| ControlFlow::Continue(());
+    let (stage, missed) = Stage::refined(&gpu(), &scene, &mut on_round, &goes_on).unwrap();
+    assert!(
+        missed.is_none() && rounds.iter().all(|r| r.order == 2),
+        "{rounds:?}"
+    );
+    assert_eq!(rounds[0].elements, straight.tets.len());
+    // The boundary of the refined body is that of the curved one, not of its corners.
+    let fine = stage.mesh();
+    assert_eq!(fine.order, ElementOrder::Quadratic);
+    let lowest = |p: &&DVec3| (p.z - 0.5 * p.x * p.x).abs() < 1e-9;
+    let (old, new) = fine.nodes.split_at(mesh.nodes.len());
+    assert_eq!(old, mesh.nodes);
+    assert!(new.iter().filter(lowest).count() > 20);
 }
