@@ -123,8 +123,9 @@ pub struct Press {
 }
 
 impl Press {
-    /// Places the body of `scene` on a table ([`PressSetup::on_table`]) and the fingertip in front
-    /// of the site.
+    /// Places the body of `scene` on a table, fixes the lowest part of its surface along gravity there,
+    /// and places the fingertip in front of the site. Loads, grabs, prescribed motions, cuts, tools and
+    /// the floor of the scene are left out, pins are kept.
     ///
     /// # Errors
     /// [`Error::Input`] for a scene of several bodies, a grid or a cage, a point far from the body,
