@@ -2,8 +2,8 @@
 //!
 //! The first mesh is that of the scene. The order of its elements is raised first, if it can be; then
 //! the elements that carry most of the error are divided. The spaces of these rounds contain each
-//! other, so the numbers converge from one side, and the last change bounds the error that is left as
-//! long as each round halves it (`docs/accuracy.md`).
+//! other, so that the last change of the number, and how fast the error in energy decreases, tell how
+//! far the number is from its limit (`docs/accuracy.md`).
 
 use crate::mesh::{ElementOrder, FinerSpace, TetMesh};
 use crate::progress::ProgressScope;

@@ -3,7 +3,8 @@
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer, de};
 
-/// How exact a number has to be: `palpate press`, `render` and `simulate` refine the mesh until it is.
+/// How exact a number has to be: a single `palpate press`, `render` and `simulate` refine the mesh until
+/// it is. Maps, the window and Python ignore this entry.
 ///
 /// ```toml
 /// [accuracy]
@@ -25,7 +26,7 @@ pub struct AccuracyEntry {
 }
 
 impl AccuracyEntry {
-    /// Largest number of elements by default: as many ten-node tets need some gigabytes.
+    /// Largest number of elements by default.
     pub const MAX_TETS: usize = 300_000;
 
     /// Returns the share that a percentage such as `2%` is.
