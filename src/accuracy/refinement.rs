@@ -143,7 +143,8 @@ pub(crate) fn refine(
             }
             Err(other) => return Err(other),
         };
-        let error = error_left(&now.solution, &solution);
+        let last_error = now.rounds.last().and_then(|round| round.error);
+        let error = error_left(&now.solution, &solution, last_error);
         let round = round_of(&space.mesh, &solution, Some(error), start);
         body.after(&round, &space.mesh)?;
         let reached = round.share().is_some_and(|share| share <= goal.share);
@@ -170,15 +171,18 @@ fn round_of(mesh: &TetMesh, solution: &Solution, error: Option<f64>, start: Inst
 
 /// Returns the error of the number of `now`, after the round of `before`: its change times q/(1 − q), the
 /// rest of a geometric series, if each round multiplies the error by the q by which this one has
-/// multiplied the error in energy; times a safety factor.
-fn error_left(before: &Solution, now: &Solution) -> f64 {
+/// multiplied the error in energy; times a safety factor. At least half of what q leaves of
+/// `last_error`, because a change can be small by chance.
+fn error_left(before: &Solution, now: &Solution, last_error: Option<f64>) -> f64 {
     let energy = |solution: &Solution| solution.errors.iter().sum::<f64>();
     let [least, most] = DECREASE;
     let decrease = match energy(before) > 0.0 {
         true => (energy(now) / energy(before)).clamp(least, most),
         false => least,
     };
-    SAFETY * decrease / (1.0 - decrease) * (now.value - before.value).abs()
+    let series = decrease / (1.0 - decrease) * (now.value - before.value).abs();
+    let left = decrease * last_error.unwrap_or_default();
+    (SAFETY * series).max(left / SAFETY)
 }
 
 /// Returns the next space; `None` if there is nothing to divide.
@@ -241,5 +245,40 @@ fn what_it_takes(rounds: &[Round], goal: Goal, next: usize) -> String {
             )
         }
         None => limit,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn solution(value: f64, energy: f64) -> Solution {
+        Solution {
+            value,
+            positions: Vec::new(),
+            errors: vec![0.25 * energy, 0.75 * energy],
+        }
+    }
+
+    /// A number whose error is halved by each round is as far off as its last change.
+    #[test]
+    fn error_left_is_rest_of_series() {
+        let [before, now] = [solution(1.2, 4.0), solution(1.1, 2.0)];
+        assert!((error_left(&before, &now, None) - 0.2).abs() < 1e-12);
+        // A change that is small by chance.
+        let same = solution(1.2, 2.0);
+        assert_eq!(error_left(&before, &same, None), 0.0);
+        assert!((error_left(&before, &same, Some(0.4)) - 0.1).abs() < 1e-12);
+        // An error in energy that grows is not relied on.
+        let worse = solution(1.1, 8.0);
+        assert!((error_left(&before, &worse, None) - 1.8).abs() < 1e-12);
+    }
+
+    #[test]
+    fn largest_errors_are_chosen() {
+        let errors = [0.5, 4.0, 0.0, 3.5, 2.0];
+        assert_eq!(largest(&errors, 0.7), [false, true, false, true, false]);
+        assert_eq!(largest(&errors, 0.8), [false, true, false, true, true]);
+        assert_eq!(largest(&[0.0; 3], 0.8), [false; 3]);
     }
 }
