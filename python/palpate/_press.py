@@ -37,7 +37,9 @@ class Press:
         report: ``stiffness_n_per_m, hertz_young_pa, max_force_n``, their errors
             ``stiffness_error_n_per_m, hertz_young_error_pa, max_force_error_n`` with ``error_parts``,
             ``max_depth_m, radius_m, poisson, engine, seconds, warnings``. Stiffness and modulus are None
-            if there are warnings: the press did not measure the elastic response of the body.
+            if there are warnings: the press did not measure the elastic response of the body. After a
+            press ``within`` an error also ``rounds``, the meshes on the way, and ``missed`` if the force
+            is not as exact as wanted.
         point: press point, in the mesh's unit.
         rest: picture of the body at rest, shape (height, width, 4).
         pressed: picture at maximum depth, clipped through the press point.
@@ -87,6 +89,8 @@ def press(
     size: Sequence[int] | None = None,
     engine: str | None = None,
     errors: bool = True,
+    within: float | None = None,
+    max_tets: int | None = None,
     adapter: str | None = None,
     progress: Progress | None = None,
 ) -> Press:
@@ -103,13 +107,20 @@ def press(
         size: width and height of the pictures, in pixels.
         engine: engine of the time steps: ``gpu``, ``cpu`` or ``auto``.
         errors: whether to estimate the errors of the numbers, which takes two to four times as long as its steps.
+        within: refine the mesh, and raise the order of its elements, until the error of the largest force
+            is at most this share of it, such as 0.05.
+        max_tets: largest number of elements for ``within``; default: 300,000.
         adapter: graphics adapter.
         progress: called with the completed fraction of steps. Ctrl-C, or an exception it raises,
             cancels the press.
     """
-    scene = Scene.from_any(body).updated(
-        {k: v for k, v in [("picture.size", size), ("solver.engine", engine)] if v is not None}
-    )
+    changes = [
+        ("picture.size", size),
+        ("solver.engine", engine),
+        ("accuracy.within", _percent(within)),
+        ("accuracy.max_tets", max_tets),
+    ]
+    scene = Scene.from_any(body).updated({k: v for k, v in changes if v is not None})
     native = _with_files(
         scene,
         lambda entries, folder: _palpate.Press(
@@ -121,6 +132,7 @@ def press(
             depth,
             force,
             adapter,
+            progress,
         ),
     )
     rest = _picture(native.rgba())
@@ -154,6 +166,8 @@ def press(
     force_error = native.force_errors()
     report = json.loads(native.report(seconds))
     notes += report["warnings"]
+    if "missed" in report:
+        notes.append(f"the largest force is not as exact as wanted (within): {report['missed']}")
     return Press(
         time=np.array([s[0] for s in samples]),
         loading=np.array([s[1] == "load" for s in samples], dtype=np.bool_),
@@ -177,12 +191,14 @@ class PressMap:
     Attributes:
         points: press points, in the mesh's unit, shape (n, 3).
         stiffness: N/m, shape (n,); NaN if a step failed or the press was not valid.
+        error: error of the stiffness, N/m, shape (n,); NaN unless its mesh was refined (``within``).
         picture: picture of the stiffness on the body, shape (height, width, 4).
         notes: notes of automatic choices, one sentence each.
     """
 
     points: Points
     stiffness: Numbers
+    error: Numbers
     picture: Picture
     notes: list[str]
 
@@ -194,6 +210,8 @@ def press_map(
     radius: float | None = None,
     depth: float | None = None,
     out: PathOf | None = None,
+    within: float | None = None,
+    max_tets: int | None = None,
     adapter: str | None = None,
     progress: Progress | None = None,
 ) -> PressMap:
@@ -205,13 +223,17 @@ def press_map(
         radius: radius of the fingertip, in the mesh's unit.
         depth: indentation depth, in the mesh's unit.
         out: folder in which completed points are kept, so that an interrupted map can be resumed.
+        within: refine the mesh at each point until the error of the force is at most this share of it,
+            such as 0.05; a point then takes as long as a press.
+        max_tets: largest number of elements for ``within``; default: 300,000.
         adapter: graphics adapter.
         progress: called with the completed fraction of points. Ctrl-C, or an exception it raises,
             cancels the map after the current points.
     """
     along, across = (int(n) for n in points)
+    changes = [("accuracy.within", _percent(within)), ("accuracy.max_tets", max_tets)]
     native = _with_files(
-        Scene.from_any(body),
+        Scene.from_any(body).updated({k: v for k, v in changes if v is not None}),
         lambda entries, folder: _palpate.PressMap(
             entries, folder, (along, across), radius, depth, adapter
         ),
@@ -234,13 +256,23 @@ def press_map(
     finally:
         if kept is not None:
             _keep(native.found(), mark, kept)
-    found = [math.nan if k is None else k for k in native.found()]
-    return PressMap(native.places(), np.array(found), _picture(native.rgba()), native.notes())
+    unknown = (math.nan, math.nan)
+    found = np.array([unknown if k is None else k for k in native.found()]).reshape(-1, 2)
+    picture = _picture(native.rgba())
+    return PressMap(native.places(), found[:, 0], found[:, 1], picture, native.notes())
 
 
-def _keep(stiffness: list[float | None], mark: str, file: Path) -> None:
-    found = ["failed" if k is not None and math.isnan(k) else k for k in stiffness]
-    _replace(file, json.dumps({"mark": mark, "stiffness": found}))
+def _percent(share: float | None) -> str | None:
+    return None if share is None else f"{100.0 * share}%"
+
+
+def _keep(results: list[tuple[float, float] | None], mark: str, file: Path) -> None:
+    stiffness = [k if k is None else "failed" if math.isnan(k[0]) else k[0] for k in results]
+    content: dict[str, Any] = {"mark": mark, "stiffness": stiffness}
+    errors = [None if k is None or math.isnan(k[1]) else k[1] for k in results]
+    if any(error is not None for error in errors):
+        content["error"] = errors
+    _replace(file, json.dumps(content))
 
 
 def _replace(file: Path, text: str) -> None:
@@ -249,11 +281,19 @@ def _replace(file: Path, text: str) -> None:
     os.replace(part, file)
 
 
-def _found_before(file: Path, mark: str) -> list[float | None]:
+def _found_before(file: Path, mark: str) -> list[tuple[float, float] | None]:
+    def result(stiffness: Any, error: Any) -> tuple[float, float] | None:
+        if stiffness is None:
+            return None
+        of = math.nan if error is None else float(error)
+        return (math.nan, of) if stiffness == "failed" else (float(stiffness), of)
+
     try:
         before = json.loads(file.read_text(encoding="utf-8"))
         same = before["mark"] == mark
-        found = [math.nan if k == "failed" else k for k in before["stiffness"]]
+        stiffness = before["stiffness"]
+        errors = before.get("error", [None] * len(stiffness))
+        found = [result(*pair) for pair in zip(stiffness, errors)]
     except (ValueError, KeyError, TypeError) as why:
         raise InputError(f"{file} is damaged ({why}); remove it to start again") from None
     if not same:

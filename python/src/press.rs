@@ -44,6 +44,7 @@ impl Press {
         depth: Option<f64>,
         force: Option<f64>,
         adapter: Option<String>,
+        progress: Option<Py<PyAny>>,
     ) -> PyResult<Press> {
         let gpu = device(py, adapter)?;
         let wanted = PressOptions {
@@ -53,11 +54,17 @@ impl Press {
             depth,
             force,
         };
-        let press = py.detach(|| {
+        let press = LongTask::new(progress).run(py, |progress| {
             let scene = scenes::scene(entries, &folder)?;
-            palpate::press::Press::new(&gpu, &scene, &wanted)
+            match scene.accuracy.within {
+                Some(_) => {
+                    let wanted = (&scene, &wanted);
+                    palpate::press::Press::refined(&gpu, wanted, &mut |_, _| Ok(()), progress)
+                }
+                None => palpate::press::Press::new(&gpu, &scene, &wanted),
+            }
         });
-        Ok(Press(Mutex::new(press.or_raise(py)?)))
+        Ok(Press(Mutex::new(press?)))
     }
 
     fn notes(&self, py: Python<'_>) -> PyResult<Vec<String>> {
@@ -135,18 +142,27 @@ impl Press {
 pub struct PressMap {
     map: Mutex<palpate::press::PressMap>,
     /// The results so far, readable while the map is measured.
-    found: Mutex<Vec<Option<f64>>>,
+    found: Mutex<Vec<Found>>,
     gpu: Gpu,
 }
 
-/// Returns the stiffness of each point, N/m: none if not pressed yet, NaN if a step failed.
-fn found(map: &palpate::press::PressMap) -> Vec<Option<f64>> {
-    let of = |p: &MapPoint| p.pressed.map(|_| p.stiffness().unwrap_or(f64::NAN));
+/// Stiffness of a point and its error, N/m: none if not pressed yet; NaN if a step failed, or if the
+/// error is not known.
+type Found = Option<(f64, f64)>;
+
+/// Returns the result of each point.
+fn found(map: &palpate::press::PressMap) -> Vec<Found> {
+    let of = |p: &MapPoint| {
+        p.pressed.map(|pressed| match pressed {
+            PointResult::Stiffness { n_per_m, error } => (n_per_m, error.unwrap_or(f64::NAN)),
+            PointResult::Failed => (f64::NAN, f64::NAN),
+        })
+    };
     map.points().iter().map(of).collect()
 }
 
 impl PressMap {
-    fn found_so_far(&self) -> MutexGuard<'_, Vec<Option<f64>>> {
+    fn found_so_far(&self) -> MutexGuard<'_, Vec<Found>> {
         self.found.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -205,22 +221,23 @@ impl PressMap {
         Ok(from_points(py, &places))
     }
 
-    /// Returns the stiffness of each point, N/m: none if not pressed yet, NaN if a step failed.
-    fn found(&self) -> Vec<Option<f64>> {
+    /// Returns the stiffness of each point and its error, N/m: none if not pressed yet; NaN if a step
+    /// failed, or if the error is not known.
+    fn found(&self) -> Vec<Found> {
         self.found_so_far().clone()
     }
 
     /// Restores earlier results.
-    fn take_over(&self, py: Python<'_>, found: Vec<Option<f64>>) -> PyResult<()> {
-        let found: Vec<Option<PointResult>> = found
-            .into_iter()
-            .map(|stiffness| {
-                stiffness.map(|k| match k.is_nan() {
-                    true => PointResult::Failed,
-                    false => PointResult::Stiffness(k),
-                })
-            })
-            .collect();
+    fn take_over(&self, py: Python<'_>, found: Vec<Found>) -> PyResult<()> {
+        let result = |(n_per_m, error): (f64, f64)| match n_per_m.is_nan() {
+            true => PointResult::Failed,
+            false => PointResult::Stiffness {
+                n_per_m,
+                error: (!error.is_nan()).then_some(error),
+            },
+        };
+        let found: Vec<Option<PointResult>> =
+            found.into_iter().map(|found| found.map(result)).collect();
         self.with(py, |map| {
             map.restore(&found)?;
             *self.found_so_far() = self::found(map);

@@ -1,9 +1,10 @@
 //! Scenes: dictionaries in Python, passed to Rust as JSON.
 
 use crate::errors::{Raise, input_error};
-use palpate::Error;
+use palpate::gpu::Gpu;
 use palpate::render::TransferFunction;
-use palpate::scene::{PlannedRun, Scene};
+use palpate::scene::{PlannedRun, Scene, Stage};
+use palpate::{Error, ProgressFn};
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
@@ -27,6 +28,21 @@ pub fn scene_to_draw(entries: &str, folder: &Path) -> palpate::Result<Scene> {
         draws_frames: false,
     });
     Ok(scene)
+}
+
+/// Creates the stage of a scene; on a refined mesh if it asks for that, with a note if the number is not
+/// as exact as wanted.
+pub fn stage(gpu: &Gpu, scene: &Scene, progress: ProgressFn) -> palpate::Result<Stage> {
+    if scene.accuracy.within.is_none() {
+        return Stage::new(gpu, scene);
+    }
+    let (mut stage, missed) = Stage::refined(gpu, scene, &mut |_| {}, progress)?;
+    if let Some(why) = missed {
+        stage.add_note(format!(
+            "the number is not as exact as wanted ([accuracy]): {why}"
+        ));
+    }
+    Ok(stage)
 }
 
 /// Returns the entries of a scene file as JSON; most values are validated when they are used.

@@ -88,15 +88,15 @@ impl Stage {
         adapter: Option<String>,
     ) -> PyResult<Stage> {
         let gpu = device(py, adapter)?;
-        let stage = py.detach(|| {
+        let stage = LongTask::new(None).run(py, |progress| {
             let scene = scenes::scene_to_draw(entries, &folder)?;
             match mesh {
                 Some(mesh) => palpate::scene::Stage::with_mesh(&gpu, &scene, (*mesh.0).clone()),
-                None => palpate::scene::Stage::new(&gpu, &scene),
+                None => scenes::stage(&gpu, &scene, progress),
             }
         });
         Ok(Stage(Mutex::new(Body {
-            stage: stage.or_raise(py)?,
+            stage: stage?,
             fingertip: None,
         })))
     }

@@ -79,6 +79,40 @@ def stop(what: str, share: float) -> None:
     raise RuntimeError("enough")
 
 
+def test_refined_press_and_map_are_as_exact_as_wanted(tmp_path: Path) -> None:
+    bar = palpate.Mesh.generate("bar", tets=900)
+    found = palpate.press(bar, radius=0.02, size=(64, 48), within=0.3)
+    rounds = found.report["rounds"]
+    assert len(rounds) >= 2 and rounds[0]["order"] == 1 and rounds[-1]["order"] == 2
+    assert rounds[-1]["error"] <= 0.3 * rounds[-1]["value"] and "missed" not in found.report
+    assert found.report["max_force_error_n"] < 0.35 * found.report["max_force_n"]
+    short = palpate.press(bar, radius=0.02, size=(64, 48), within=0.001, max_tets=1000)
+    assert "more than the 1000 allowed" in short.report["missed"]
+    assert any("not as exact as wanted" in note for note in short.notes)
+    with pytest.raises(RuntimeError, match="enough"):
+        palpate.press(bar, radius=0.02, size=(64, 48), within=0.3, progress=stop)
+    settings = {"radius": 0.02, "within": 0.3, "out": tmp_path}
+    whole = palpate.press_map(bar, (2, 1), **settings)
+    assert (whole.error > 0).all() and (whole.error <= 0.3 * whole.stiffness).all()
+    again = palpate.press_map(bar, (2, 1), **settings)
+    assert np.array_equal(again.error, whole.error)
+    plain = palpate.press_map(bar, (2, 1), radius=0.02)
+    assert np.isnan(plain.error).all() and (plain.stiffness > whole.stiffness).all()
+
+
+def test_refined_scene_is_refined(tmp_path: Path) -> None:
+    entries = {
+        "mesh": {"generate": "bar", "tets": 60},
+        "material": {"model": "neo-hookean"},
+        "solver": {"name": "implicit", "dt": 0.05, "steps": 10},
+        "pin": [{"x_below": 0.001}],
+        "accuracy": {"within": "60%", "max_tets": 2000},
+    }
+    scene = palpate.Scene(entries)
+    simulator = palpate.Simulator(scene)
+    assert simulator.mesh.order == 2 and not any("not refined" in note for note in simulator.notes)
+
+
 def test_press_map_resumes(tmp_path: Path, run) -> None:
     linear = {"material": {"order": 1}}
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}, **linear})

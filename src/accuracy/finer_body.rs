@@ -85,6 +85,17 @@ impl RestBody {
         (self, nodes)
     }
 
+    /// Whether `motion`, of an equal mesh, has the same constraints and loads, whatever the pose of the
+    /// tool of number `free`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body that springs or free tools hold.
+    pub fn has_loads_of(&self, motion: &Motion, free: usize) -> Result<bool> {
+        Ok(self
+            .loads
+            .equals_but_for_tool(&motion.present_loads()?, free))
+    }
+
     /// Returns the order of its elements.
     pub fn order(&self) -> ElementOrder {
         self.mesh.order

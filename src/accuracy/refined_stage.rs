@@ -6,7 +6,7 @@ use super::rest::{MAX_KINETIC_SHARE, kinetic_share};
 use super::{RestBody, quasi_static_step, recovery_errors, settle};
 use crate::gpu::Gpu;
 use crate::mesh::{ElementOrder, TetMesh};
-use crate::scene::{Motion, OrderChoice, Scene, Stage};
+use crate::scene::{AccuracyEntry, Motion, OrderChoice, Scene, Stage};
 use crate::{Error, ProgressFn, Result, no_progress};
 use glam::DVec3;
 
@@ -66,7 +66,8 @@ impl Stage {
             on_round,
         };
         let Refined { mesh, missed, .. } = refine(&mut body, mesh, &scene.accuracy, progress)?;
-        let scene = of_order(&scene, mesh.order);
+        let mut scene = of_order(&scene, mesh.order);
+        scene.accuracy = AccuracyEntry::default();
         Ok((Stage::with_mesh(gpu, &scene, mesh)?, missed))
     }
 }
@@ -78,7 +79,10 @@ impl Stage {
 /// As [`Scene::load_mesh`].
 pub(crate) fn first_mesh(scene: &Scene) -> Result<(Scene, TetMesh, bool)> {
     if let Some(OrderChoice::Exactly(order)) = scene.material.order {
-        let mesh = scene.load_simulated_mesh(&no_progress)?;
+        let mut mesh = scene.load_simulated_mesh(&no_progress)?;
+        if order == ElementOrder::Quadratic && mesh.order == ElementOrder::Linear {
+            mesh = mesh.with_mid_edge_nodes()?;
+        }
         return Ok((of_order(scene, order), mesh, false));
     }
     let mesh = scene.load_mesh(&no_progress)?;
@@ -148,7 +152,8 @@ impl RestingBody<'_> {
 
 impl Refinable for RestingBody<'_> {
     fn solve(&mut self, mesh: &TetMesh, start: Option<&[DVec3]>) -> Result<Solution> {
-        let scene = of_order(self.scene, mesh.order);
+        let mut scene = of_order(self.scene, mesh.order);
+        scene.accuracy = AccuracyEntry::default();
         let mut stage = Stage::with_mesh(self.gpu, &scene, mesh.clone())?;
         let steps = stage.steps();
         let motion = stage.motion_mut().ok_or_else(|| {
@@ -176,6 +181,7 @@ impl Refinable for RestingBody<'_> {
             value: settled.values.first().copied().unwrap_or(f64::NAN),
             errors: recovery_errors(motion, &positions)?,
             positions,
+            stopped: None,
         })
     }
 

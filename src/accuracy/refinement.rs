@@ -21,6 +21,9 @@ const SAFETY: f64 = 2.0;
 const DECREASE: [f64; 2] = [0.2, 0.9];
 /// Largest number of rounds.
 const MAX_ROUNDS: usize = 12;
+/// Largest number of meshes one after the other that lack a solution: they are divided again, at the
+/// last state that they have.
+const MAX_STOPPED: usize = 2;
 
 /// How exact a number has to be.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +31,18 @@ struct Goal {
     /// Largest error, relative to the number.
     share: f64,
     max_elements: usize,
+}
+
+impl Goal {
+    fn new(wanted: &AccuracyEntry) -> Result<Goal> {
+        let share = wanted.within.ok_or_else(|| {
+            Error::Input("a refined body needs the largest error of its number; set it ([accuracy] within = \"2%\", --within 2%)".into())
+        })?;
+        Ok(Goal {
+            share,
+            max_elements: wanted.max_tets.unwrap_or(AccuracyEntry::MAX_TETS),
+        })
+    }
 }
 
 /// One mesh on the way.
@@ -62,6 +77,8 @@ pub(crate) struct Solution {
     pub positions: Vec<DVec3>,
     /// For each element its part of the error in energy, J.
     pub errors: Vec<f64>,
+    /// Why this is a state on the way to the solution only, because a coarse mesh has no solution.
+    pub stopped: Option<String>,
 }
 
 /// What is solved on finer and finer meshes.
@@ -99,12 +116,7 @@ pub(crate) fn refine(
     wanted: &AccuracyEntry,
     progress: ProgressFn,
 ) -> Result<Refined> {
-    let goal = Goal {
-        share: wanted.within.ok_or_else(|| {
-            Error::Input("a refined body needs the largest error of its number; set it ([accuracy] within = \"2%\", --within 2%)".into())
-        })?,
-        max_elements: wanted.max_tets.unwrap_or(AccuracyEntry::MAX_TETS),
-    };
+    let goal = Goal::new(wanted)?;
     let report = |rounds: usize| {
         let share = rounds as f64 / (rounds + 2) as f64;
         ProgressScope::begin(progress, "refining the mesh", share).map(drop)
@@ -112,50 +124,68 @@ pub(crate) fn refine(
     report(0)?;
     let start = Instant::now();
     let solution = body.solve(&mesh, None)?;
+    if let Some(why) = solution.stopped {
+        return Err(Error::Input(why));
+    }
     let first = round_of(&mesh, &solution, None, start);
     body.after(&first, &mesh)?;
-    let mut now = Refined {
+    let mut best = Refined {
         mesh,
         solution,
         rounds: vec![first],
         missed: None,
     };
-    while now.rounds.len() < MAX_ROUNDS {
-        report(now.rounds.len())?;
-        let start = Instant::now();
-        let Some(space) = next_space(body, &now)? else {
-            now.missed = Some("no element carries an error that could be divided".into());
-            return Ok(now);
+    // The states on finer meshes since, which lack a solution.
+    let mut stopped = Vec::<(TetMesh, Solution)>::new();
+    let mut start = Instant::now();
+    while best.rounds.len() < MAX_ROUNDS {
+        report(best.rounds.len())?;
+        let (mesh, solution) = stopped
+            .last()
+            .map_or((&best.mesh, &best.solution), |(mesh, state)| (mesh, state));
+        let Some(space) = next_space(body, mesh, &solution.errors)? else {
+            best.missed = Some("no element carries an error that could be divided".into());
+            return Ok(best);
         };
-        if space.mesh.element_count() > goal.max_elements {
-            now.missed = Some(what_it_takes(&now.rounds, goal, space.mesh.element_count()));
-            return Ok(now);
+        let elements = space.mesh.element_count();
+        if elements > goal.max_elements {
+            best.missed = Some(what_it_takes(&best.rounds, goal, elements));
+            return Ok(best);
         }
-        let from = space.interpolate(&now.solution.positions);
+        let from = space.interpolate(&solution.positions);
+        let no_solution =
+            |why: &str| format!("a mesh of {elements} elements has no such equilibrium: {why}");
         let solution = match body.solve(&space.mesh, Some(&from)) {
             Ok(solution) => solution,
             Err(Error::Solver { what, .. } | Error::Input(what)) => {
-                now.missed = Some(format!(
-                    "a mesh of {} elements has no such equilibrium: {what}",
-                    space.mesh.element_count()
-                ));
-                return Ok(now);
+                best.missed = Some(no_solution(&what));
+                return Ok(best);
             }
             Err(other) => return Err(other),
         };
-        let last_error = now.rounds.last().and_then(|round| round.error);
-        let error = error_left(&now.solution, &solution, last_error);
+        if let Some(why) = &solution.stopped {
+            if stopped.len() == MAX_STOPPED {
+                best.missed = Some(no_solution(why));
+                return Ok(best);
+            }
+            stopped.push((space.mesh, solution));
+            continue;
+        }
+        let last_error = best.rounds.last().and_then(|round| round.error);
+        let error = error_left(&best.solution, &solution, last_error);
         let round = round_of(&space.mesh, &solution, Some(error), start);
         body.after(&round, &space.mesh)?;
         let reached = round.share().is_some_and(|share| share <= goal.share);
-        now.rounds.push(round);
-        (now.mesh, now.solution) = (space.mesh, solution);
+        best.rounds.push(round);
+        (best.mesh, best.solution) = (space.mesh, solution);
         if reached {
-            return Ok(now);
+            return Ok(best);
         }
+        stopped.clear();
+        start = Instant::now();
     }
-    now.missed = Some(what_it_takes(&now.rounds, goal, usize::MAX));
-    Ok(now)
+    best.missed = Some(what_it_takes(&best.rounds, goal, usize::MAX));
+    Ok(best)
 }
 
 fn round_of(mesh: &TetMesh, solution: &Solution, error: Option<f64>, start: Instant) -> Round {
@@ -185,14 +215,15 @@ fn error_left(before: &Solution, now: &Solution, last_error: Option<f64>) -> f64
     (SAFETY * series).max(left / SAFETY)
 }
 
-/// Returns the next space; `None` if there is nothing to divide.
-fn next_space(body: &dyn Refinable, now: &Refined) -> Result<Option<FinerSpace>> {
-    if now.mesh.order == ElementOrder::Linear && body.may_raise_order(&now.mesh) {
-        return FinerSpace::new(&now.mesh).map(Some);
+/// Returns the space after that of `mesh`, whose solution has these `errors`; `None` if there is nothing
+/// to divide.
+fn next_space(body: &dyn Refinable, mesh: &TetMesh, errors: &[f64]) -> Result<Option<FinerSpace>> {
+    if mesh.order == ElementOrder::Linear && body.may_raise_order(mesh) {
+        return FinerSpace::new(mesh).map(Some);
     }
-    let chosen = largest(&now.solution.errors, DIVIDED_SHARE);
+    let chosen = largest(errors, DIVIDED_SHARE);
     match chosen.contains(&true) {
-        true => FinerSpace::locally(&now.mesh, &chosen).map(Some),
+        true => FinerSpace::locally(mesh, &chosen).map(Some),
         false => Ok(None),
     }
 }
@@ -257,6 +288,7 @@ mod tests {
             value,
             positions: Vec::new(),
             errors: vec![0.25 * energy, 0.75 * energy],
+            stopped: None,
         }
     }
 

@@ -30,6 +30,12 @@ pub struct MapMetadata {
     median_error_n_per_m: Option<f64>,
     #[serde(default)]
     stiffest_error_n_per_m: Option<f64>,
+    /// Largest error that each stiffness may have, relative to it, and the number of those that have a
+    /// larger one, if the mesh was refined for each point.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    within: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    missed: Option<usize>,
     stiffest_at: Option<[f64; 3]>,
     /// Fingerprint of the body, scene and settings of the map.
     mark: String,
@@ -44,6 +50,7 @@ pub fn run(
     (out, with_errors): (&Path, bool),
 ) -> anyhow::Result<MapMetadata> {
     let mut map = progress::with_message("preparing", || PressMap::new(scene, wanted))?;
+    let is_refined = scene.accuracy.within.is_some();
     print_notes(map.notes());
     let rows = out.join("map.csv");
     let about = out.join("map.json");
@@ -57,18 +64,18 @@ pub fn run(
     }
     let left = map.points().iter().filter(|p| p.pressed.is_none()).count();
     // Written first, so that rows always have their metadata.
-    write_metadata(&map, wanted, &about)?;
+    write_metadata(&map, (wanted, scene.accuracy.within), &about)?;
     progress::with_bar("pressing", left as u64, |bar| {
         map.measure(gpu, &mut |map| {
             bar.inc(1);
-            write_rows(map, &rows)
+            write_rows((map, is_refined), &rows)
         })
     })?;
-    write_rows(&map, &rows)?;
+    write_rows((&map, is_refined), &rows)?;
     if with_errors {
         progress::with_stages(|progress| map.estimate_errors(gpu, progress))?;
     }
-    let report = write_metadata(&map, wanted, &about)?;
+    let report = write_metadata(&map, (wanted, scene.accuracy.within), &about)?;
     let image = map.image(gpu)?;
     image.save(out.join("map.png"))?;
     let failed = failed(&map);
@@ -85,11 +92,22 @@ pub fn run(
     Ok(report)
 }
 
+/// Fails if a stiffness is not as exact as wanted.
+pub fn check(report: &MapMetadata) -> anyhow::Result<()> {
+    match report.missed {
+        Some(missed) if missed > 0 => anyhow::bail!(
+            "{missed} of {} stiffnesses are not as exact as wanted (--within); map.csv has their errors; allow more elements (--max-tets), or a larger error",
+            report.pressed
+        ),
+        _ => Ok(()),
+    }
+}
+
 /// Returns the largest and the median stiffness in words, if points were measured.
 fn stiffest_note(map: &PressMap) -> Option<String> {
     let (median, top) = (map.median()?, map.stiffest()?);
     let stiffness = top.stiffness()?;
-    let with_error = |x: f64, error: Option<&ErrorParts>| match error {
+    let with_error = |x: f64, error: Option<ErrorParts>| match error {
         Some(error) => error.around(x, "N/m"),
         None => format!("{} N/m", significant(x)),
     };
@@ -141,16 +159,18 @@ fn previous_results(
             .split(',')
             .map_while(|cell| cell.parse().ok())
             .collect();
-        let [x, y, z, stiffness] = cells[..] else {
-            return Err(wrong(number));
+        let (x, y, z, n_per_m, error) = match cells[..] {
+            [x, y, z, stiffness] => (x, y, z, stiffness, None),
+            [x, y, z, stiffness, error] => (x, y, z, stiffness, Some(error)),
+            _ => return Err(wrong(number)),
         };
         let own = map
             .points()
             .iter()
             .position(|p| p.point.to_array() == [x, y, z]);
         let k = own.ok_or_else(|| wrong(number))?;
-        found[k] = Some(match stiffness.is_finite() {
-            true => PointResult::Stiffness(stiffness),
+        found[k] = Some(match n_per_m.is_finite() {
+            true => PointResult::Stiffness { n_per_m, error },
             false => PointResult::Failed,
         });
     }
@@ -161,23 +181,37 @@ fn fingerprint(map: &PressMap) -> String {
     format!("{:016x}", map.fingerprint())
 }
 
-fn write_rows(map: &PressMap, path: &Path) -> Result<()> {
+/// Writes the results; those on refined meshes with their errors.
+fn write_rows((map, is_refined): (&PressMap, bool), path: &Path) -> Result<()> {
     atomic_write(path, |file| {
-        let mut text = String::from("x,y,z,stiffness\n");
+        let mut text = String::from(match is_refined {
+            true => "x,y,z,stiffness,error\n",
+            false => "x,y,z,stiffness\n",
+        });
         for p in map.points() {
-            let stiffness = match p.pressed {
+            let (stiffness, error) = match p.pressed {
                 None => continue,
-                Some(PointResult::Stiffness(found)) => found.to_string(),
-                Some(PointResult::Failed) => "nan".into(),
+                Some(PointResult::Stiffness { n_per_m, error }) => (n_per_m, error),
+                Some(PointResult::Failed) => (f64::NAN, None),
             };
             let [x, y, z] = p.point.to_array();
-            text += &format!("{x},{y},{z},{stiffness}\n");
+            let stiffness = stiffness.to_string().to_lowercase();
+            text += &format!("{x},{y},{z},{stiffness}");
+            if is_refined {
+                text.push(',');
+                text += &error.map(|error| error.to_string()).unwrap_or_default();
+            }
+            text.push('\n');
         }
         file.write_all(text.as_bytes()).map_err(Error::io(path))
     })
 }
 
-fn write_metadata(map: &PressMap, wanted: &MapOptions, path: &Path) -> Result<MapMetadata> {
+fn write_metadata(
+    map: &PressMap,
+    (wanted, within): (&MapOptions, Option<f64>),
+    path: &Path,
+) -> Result<MapMetadata> {
     let [radius, depth] = map.radius_and_depth();
     let top = map.stiffest();
     let metadata = MapMetadata {
@@ -193,8 +227,10 @@ fn write_metadata(map: &PressMap, wanted: &MapOptions, path: &Path) -> Result<Ma
         failed: failed(map),
         median_n_per_m: map.median(),
         stiffest_n_per_m: top.and_then(|p| p.stiffness()),
-        median_error_n_per_m: map.median_error().map(ErrorParts::total),
-        stiffest_error_n_per_m: map.stiffest_error().map(ErrorParts::total),
+        median_error_n_per_m: map.median_error().map(|parts| parts.total()),
+        stiffest_error_n_per_m: map.stiffest_error().map(|parts| parts.total()),
+        within,
+        missed: within.map(|_| map.missed()),
         stiffest_at: top.map(|p| p.point.to_array()),
         mark: fingerprint(map),
     };

@@ -47,6 +47,9 @@ pub struct PressReport {
     /// The meshes on the way, if the body was refined for the press: the largest force on each.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rounds: Vec<Round>,
+    /// Why the largest force is not as exact as wanted, and what it would take, if so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub missed: Option<String>,
     /// Maximum depth.
     pub max_depth_m: f64,
     /// Where and how the press was made.
@@ -142,6 +145,7 @@ pub(super) fn report(
         error_parts: None,
         no_error_because: None,
         rounds: Vec::new(),
+        missed: None,
         max_depth_m: max_depth,
         conditions,
         seconds,

@@ -48,15 +48,9 @@ impl LoadedStates {
         self.0.push(state);
     }
 
-    /// Returns the positions in the state of the largest depth, in file units.
-    pub fn deepest_positions(&self) -> Option<&[DVec3]> {
-        self.0.last().map(|s| s.positions.as_slice())
-    }
-
-    /// Returns the force in the state of the largest depth, N.
-    #[cfg(feature = "study")]
-    pub fn deepest_force(&self) -> f64 {
-        self.0.last().map_or(f64::NAN, |s| s.force)
+    /// Returns the state of the largest depth.
+    pub fn deepest(&self) -> Option<&LoadedState> {
+        self.0.last()
     }
 
     /// Returns the state of the largest depth, and that nearest to half of it.
@@ -195,20 +189,19 @@ impl ErrorEstimator<'_> {
         Ok(Some(error))
     }
 
-    /// Solves a state again; `slope` is that of the curve there, N/m. Calls `check` between the solves.
+    /// Solves a state again; `slope` is that of the curve there, N/m. Calls `check` after each step.
     pub fn correct(
         &self,
         bodies: &mut ComparedBodies,
         (state, slope): (&LoadedState, f64),
         check: &mut dyn FnMut() -> Result<()>,
     ) -> Result<Correction> {
-        let [same_force, own_change] =
-            self.solve(&mut bodies.same, &state.positions, state.depth)?;
-        check()?;
-        let support = self.support_part(&mut bodies.other, state, same_force)?;
-        check()?;
+        let own = (state.positions.as_slice(), state.depth);
+        let [same_force, own_change] = self.solve(&mut bodies.same, own, check)?;
+        let support = self.support_part(&mut bodies.other, (state, same_force), check)?;
         let positions = bodies.finer.positions_from(&state.positions);
-        let [finer, change] = self.solve(&mut bodies.finer.motion, &positions, state.depth)?;
+        let finer = &mut bodies.finer.motion;
+        let [finer, change] = self.solve(finer, (&positions, state.depth), check)?;
         Ok(Correction {
             depth: self.session.unit() * state.depth,
             force: state.force,
@@ -232,8 +225,8 @@ impl ErrorEstimator<'_> {
     fn support_part(
         &self,
         other: &mut Option<OtherBody>,
-        state: &LoadedState,
-        force: f64,
+        (state, force): (&LoadedState, f64),
+        check: &mut dyn FnMut() -> Result<()>,
     ) -> Result<f64> {
         let Some(other) = other else {
             return Ok(0.0);
@@ -242,7 +235,7 @@ impl ErrorEstimator<'_> {
         for (v, rest) in &other.fixed {
             positions[*v as usize] = *rest;
         }
-        let [moved, _] = self.solve(&mut other.motion, &positions, state.depth)?;
+        let [moved, _] = self.solve(&mut other.motion, (&positions, state.depth), check)?;
         Ok(other.share * (moved - force).abs())
     }
 
@@ -277,7 +270,7 @@ impl ErrorEstimator<'_> {
                 time: (deepest.force - force).abs(),
                 solver: refinement.change,
                 contact: self.contact_part(self.slope(deepest)),
-                support: self.support_part(&mut other, deepest, force)?,
+                support: self.support_part(&mut other, (deepest, force), &mut || Ok(()))?,
             },
         };
         let mut error = self.errors(&correction, None);
@@ -306,7 +299,8 @@ impl ErrorEstimator<'_> {
         for _ in 0..levels {
             let mut finer = coarser.finer(gpu)?;
             positions = finer.positions_from(&positions);
-            forces.push(self.solve(&mut finer.motion, &positions, deepest.depth)?[0]);
+            let from = (positions.as_slice(), deepest.depth);
+            forces.push(self.solve(&mut finer.motion, from, &mut || Ok(()))?[0]);
             positions = finer.motion.positions()?;
             coarser = RestBody::new(&self.session.setup().scene, &finer.motion)?;
         }
@@ -314,8 +308,13 @@ impl ErrorEstimator<'_> {
     }
 
     /// Returns the force in a state at a depth, solved again, and its last change.
-    fn solve(&self, motion: &mut Motion, positions: &[DVec3], depth: f64) -> Result<[f64; 2]> {
-        self.session.settle_at(motion, positions, depth)
+    fn solve(
+        &self,
+        motion: &mut Motion,
+        (positions, depth): (&[DVec3], f64),
+        check: &mut dyn FnMut() -> Result<()>,
+    ) -> Result<[f64; 2]> {
+        self.session.settle_at(motion, positions, depth, check)
     }
 
     /// Returns the slope of the curve at its deepest state, N/m.

@@ -11,6 +11,7 @@ mod interactive_error;
 mod map;
 mod question;
 mod refined;
+mod refined_session;
 mod report;
 mod session;
 mod setup;
@@ -391,12 +392,11 @@ impl Press {
     /// # Errors
     /// [`Error::Input`] if the field does not fit the mesh.
     pub fn error_mesh(&self) -> Result<Option<TetMesh>> {
-        let (Some(Ok(error)), Some(positions)) = (&self.error, self.states.deepest_positions())
-        else {
+        let (Some(Ok(error)), Some(state)) = (&self.error, self.states.deepest()) else {
             return Ok(None);
         };
         let mut mesh = self.stage.mesh().clone();
-        mesh.nodes = positions.to_vec();
+        mesh.nodes = state.positions.clone();
         with_error_field(mesh, &error.tet_shares).map(Some)
     }
 
@@ -427,7 +427,7 @@ impl Press {
     /// Returns the force in the deepest state, N.
     #[cfg(feature = "study")]
     pub(crate) fn deepest_force(&self) -> f64 {
-        self.states.deepest_force()
+        self.states.deepest().map_or(f64::NAN, |state| state.force)
     }
 
     fn rest_body(&self) -> Result<RestBody> {

@@ -32,6 +32,27 @@ pub(super) struct Refinement {
 }
 
 impl Refinement {
+    /// Returns the last mesh, and the meshes on the way, of a press to `depth` (file units) whose force
+    /// had the last change `change`, N.
+    pub fn new(refined: Refined, depth: f64, change: f64) -> (TetMesh, Refinement) {
+        let Refined {
+            mesh,
+            solution,
+            rounds,
+            missed,
+        } = refined;
+        let refinement = Refinement {
+            depth,
+            force: solution.value,
+            error: rounds.last().and_then(|round| round.error),
+            change,
+            errors: solution.errors,
+            missed,
+            rounds,
+        };
+        (mesh, refinement)
+    }
+
     /// Returns the share of each tet of `mesh` in the error, %.
     pub fn tet_shares(&self, mesh: &TetMesh) -> Vec<f64> {
         let sum: f64 = self.errors.iter().sum();
@@ -77,26 +98,14 @@ impl Press {
             may_raise,
             on_round,
             press: None,
+            reached: 0.0,
             change: 0.0,
         };
-        let Refined {
-            mesh,
-            solution,
-            rounds,
-            missed,
-        } = refine(&mut body, mesh, &scene.accuracy, progress)?;
+        let refined = refine(&mut body, mesh, &scene.accuracy, progress)?;
         let (depth, change) = (body.question.depth, body.change);
-        let error = rounds.last().and_then(|round| round.error);
+        let (mesh, refinement) = Refinement::new(refined, depth, change);
         let mut press = Press::of_question(gpu, &question, &of_order(&scene, mesh.order), mesh)?;
-        press.refinement = Some(Refinement {
-            rounds,
-            depth,
-            force: solution.value,
-            error,
-            change,
-            errors: solution.errors,
-            missed,
-        });
+        press.refinement = Some(refinement);
         Ok(press)
     }
 
@@ -131,6 +140,8 @@ struct PressedBody<'a, 'b> {
     /// The last press, with its positions, and the last change of its force.
     press: Option<(Press, Vec<DVec3>)>,
     change: f64,
+    /// Depth of the last state.
+    reached: f64,
 }
 
 impl PressedBody<'_, '_> {
@@ -139,33 +150,50 @@ impl PressedBody<'_, '_> {
         Press::of_question(self.gpu, &self.question, &scene, mesh.clone())
     }
 
-    /// Places the fingertip at the largest depth in a body with the positions `start`, until its force
-    /// settles. Returns the force and the positions.
-    fn settle_from(&mut self, press: &mut Press, start: &[DVec3]) -> Result<(f64, Vec<DVec3>)> {
+    /// Places the fingertip at the depth of the state before in a body with the positions `start`, until
+    /// its force settles, then takes it to the largest depth. Returns the force, and why the fingertip
+    /// stopped before, if so.
+    fn settle_from(&mut self, press: &mut Press, start: &[DVec3]) -> Result<(f64, Option<String>)> {
         let motion = press.stage.motion_mut().ok_or_else(session::static_body)?;
         motion.set_sleep_allowed(false);
-        let depth = self.question.depth;
-        let [force, change] = press.session.settle_at(motion, start, depth)?;
-        press.session.set_depth(depth);
+        let (before, depth) = (self.reached, self.question.depth);
+        let session = &mut press.session;
+        let [mut force, change] = session.settle_at(motion, start, before, &mut || Ok(()))?;
+        session.set_depth(before);
         self.change = change;
-        Ok((force, motion.positions()?))
+        if before < depth {
+            let Some(sample) = session.press_to(motion, depth, "load")? else {
+                return Ok((force, Some(inversion_at(press.current_depth(), press))));
+            };
+            force = sample.force_n;
+        }
+        Ok((force, None))
     }
 
-    /// Presses on a body at rest, step by step. Returns the force and the positions.
-    fn press_from_rest(&self, press: &mut Press) -> Result<(f64, Vec<DVec3>)> {
+    /// Presses on a body at rest, step by step. Returns the force, and why the fingertip stopped before
+    /// the largest depth, if so.
+    fn press_from_rest(&self, press: &mut Press) -> Result<(f64, Option<String>)> {
         while !press.at_max_depth() {
             press.advance()?;
-            if let Some(depth) = press.inversion_depth() {
-                return Err(Error::Input(format!(
-                    "tets would be inverted deeper than {} mm; press less deep (--depth), or with a larger --radius",
-                    significant(1e3 * depth)
-                )));
+            if press.inversion_depth().is_some() {
+                break;
             }
         }
         let force = press.samples().last().map_or(f64::NAN, |s| s.force_n);
-        let motion = press.stage.motion().ok_or_else(session::static_body)?;
-        Ok((force, motion.positions()?))
+        let stopped = press.inversion_depth();
+        Ok((
+            force,
+            stopped.map(|_| inversion_at(press.current_depth(), press)),
+        ))
     }
+}
+
+/// Says that tets would be inverted deeper than `depth`, in file units.
+fn inversion_at(depth: f64, press: &Press) -> String {
+    format!(
+        "tets would be inverted deeper than {} mm; press less deep (--depth), or with a larger --radius",
+        significant(1e3 * press.session.unit() * depth)
+    )
 }
 
 impl Refinable for PressedBody<'_, '_> {
@@ -173,7 +201,7 @@ impl Refinable for PressedBody<'_, '_> {
         let mut press = self.new_press(mesh)?;
         // Bodies without an estimate are refused before any work.
         press.rest_body()?;
-        let (value, positions) = match start {
+        let (value, stopped) = match start {
             None => self.press_from_rest(&mut press)?,
             Some(start) => match self.settle_from(&mut press, start) {
                 Err(Error::Solver { .. }) => {
@@ -183,16 +211,21 @@ impl Refinable for PressedBody<'_, '_> {
                 settled => settled?,
             },
         };
-        // A press to a force becomes one to the depth of the first mesh.
-        self.question.depth = press.current_depth();
-        self.question.force = None;
+        self.reached = press.current_depth();
+        if stopped.is_none() {
+            // A press to a force becomes one to the depth of the first mesh.
+            self.question.depth = self.reached;
+            self.question.force = None;
+        }
         let motion = press.stage.motion().ok_or_else(session::static_body)?;
+        let positions = motion.positions()?;
         let errors = recovery_errors(motion, &positions)?;
         self.press = Some((press, positions.clone()));
         Ok(Solution {
             value,
             positions,
             errors,
+            stopped,
         })
     }
 

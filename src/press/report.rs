@@ -12,6 +12,7 @@ impl Press {
         let conditions = self.conditions();
         let mut report = curve::report(self.samples(), conditions, seconds, self.warnings());
         report.rounds = self.rounds().to_vec();
+        report.missed = self.missed().map(str::to_owned);
         let total = |parts: &ErrorParts| Some(parts.total());
         match &self.error {
             Some(Ok(error)) => {

@@ -6,7 +6,7 @@ use super::interactive_error::PressedState;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::validity::{ContactProblem, body_warnings, contact_problem};
-use crate::accuracy::{ErrorParts, quasi_static_step, settle};
+use crate::accuracy::{ErrorParts, Round, quasi_static_step, settle};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::scene::{Motion, Stage};
@@ -20,6 +20,11 @@ const MAX_SUBSTEPS: u32 = 16;
 /// Largest advance and withdrawal of an interactive press in a step, relative to the radius.
 const MAX_ADVANCE: f64 = 0.06;
 const MAX_WITHDRAWAL: f64 = 8.0 * MAX_ADVANCE;
+/// Largest error of the force of an interactive press for which its mesh is not refined, relative to it.
+const INTERACTIVE_SHARE: f64 = 0.05;
+
+/// Receives an estimate of a force: a round of refinement, and the parts of its error, N.
+type OnEstimate<'a> = &'a mut dyn FnMut(&Round, &ErrorParts);
 
 /// The fingertip of a body, and the press in progress.
 #[derive(Clone, Debug)]
@@ -304,24 +309,51 @@ impl PressSession {
     }
 
     /// Starts `motion` at rest from `positions`, with the fingertip at a depth in file units, and takes
-    /// steps until the force has settled. Returns it and its last change, N.
+    /// steps until the force has settled, with a call of `check` after each. Returns it and its last
+    /// change, N.
     ///
     /// # Errors
-    /// [`Error::Input`] without a placed fingertip; otherwise as a simulation step.
+    /// [`Error::Input`] without a placed fingertip; otherwise as a simulation step; errors of `check`.
     pub(super) fn settle_at(
         &self,
         motion: &mut Motion,
         positions: &[DVec3],
         depth: f64,
+        check: &mut dyn FnMut() -> Result<()>,
     ) -> Result<[f64; 2]> {
         let (tool, place) = self.fingertip_at(depth)?;
         let outward = self.site().map_or(DVec3::Z, |site| site.outward);
         motion.teleport_tool(tool, place)?;
         let settled = settle(motion, (positions, self.step()), &mut |motion| {
+            check()?;
             Ok(vec![motion.tool_force(tool)?.dot(outward)])
         })?;
         let only = |values: Vec<f64>| values.first().copied().unwrap_or(f64::NAN);
         Ok([only(settled.values), only(settled.changes)])
+    }
+
+    /// Returns the same press on another mesh of the same shape.
+    ///
+    /// # Errors
+    /// As [`PressSetup::on_mesh`].
+    pub(super) fn on_mesh(&self, mesh: &TetMesh) -> Result<PressSession> {
+        Ok(PressSession {
+            setup: self.setup.on_mesh(mesh)?,
+            ..self.clone()
+        })
+    }
+
+    /// Places the fingertip in front of its site again, and starts a new curve.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without a placed fingertip.
+    pub(super) fn begin_again(&mut self, motion: &mut Motion) -> Result<()> {
+        let contact = self.contact.as_mut().ok_or_else(not_placed)?;
+        contact.depth = -INITIAL_CLEARANCE * self.setup.radius;
+        motion.teleport_tool(self.setup.tool, contact.place(contact.depth))?;
+        motion.dt = self.press_dt;
+        self.samples.clear();
+        Ok(())
     }
 
     /// Returns Poisson's ratio of the tissue at the site, if it is known.
@@ -339,26 +371,36 @@ impl PressSession {
         self.static_time
     }
 
-    /// Returns an estimate of the error of the last force, N, for another thread; the body of `motion`
-    /// is at rest. It takes about as long as ten steps of a body of as many elements as the finer
-    /// space has.
+    /// Returns better and better estimates of the last force, for another thread; the body of `motion` is
+    /// at rest. The first is the force with its error; it takes about as long as ten steps of a body of as
+    /// many elements as the finer space has. Then the mesh is refined until the force is as exact as the
+    /// scene asks for ([`Scene::accuracy`](crate::scene::Scene::accuracy), 5 % by default): each of these
+    /// estimates is the force on one more mesh. None has more than `max_elements` elements.
     ///
     /// # Errors
-    /// [`Error::Input`] without a press, for more than `max_elements` in the finer space, or for a body
-    /// whose error cannot be estimated; errors of reading the body back.
-    pub fn error_estimate(
+    /// [`Error::Input`] without a press, for more elements in the finer space, or for a body whose error
+    /// cannot be estimated; errors of reading the body back.
+    pub fn force_estimates(
         &self,
         motion: &Motion,
         max_elements: usize,
-    ) -> Result<impl FnOnce(&Gpu, ProgressFn<'_>) -> Result<ErrorParts> + Send + use<>> {
+    ) -> Result<impl FnOnce(&Gpu, OnEstimate<'_>, ProgressFn<'_>) -> Result<()> + Send + use<>>
+    {
         let state = PressedState::new(self, motion)?;
-        match state.finer_elements() <= max_elements {
-            true => Ok(move |gpu: &Gpu, progress: ProgressFn<'_>| state.force_error(gpu, progress)),
-            false => Err(Error::Input(
+        if state.finer_elements() > max_elements {
+            return Err(Error::Input(
                 "the body has too many tets for an estimate while it is pressed; use palpate press"
                     .into(),
-            )),
+            ));
         }
+        let mut wanted = self.setup.accuracy.clone();
+        wanted.within.get_or_insert(INTERACTIVE_SHARE);
+        wanted.max_tets = Some(wanted.max_tets.unwrap_or(max_elements).min(max_elements));
+        Ok(
+            move |gpu: &Gpu, each: OnEstimate<'_>, progress: ProgressFn<'_>| {
+                state.force_estimates(gpu, &wanted, each, progress)
+            },
+        )
     }
 
     /// Returns why presses at the site cannot be measured, one sentence each.

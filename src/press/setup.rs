@@ -3,10 +3,11 @@
 use super::site::PressSite;
 use super::support_table::Table;
 use super::validity::in_pieces;
+use crate::accuracy::of_order;
 use crate::mesh::{TetMesh, Topology};
 use crate::number_format::significant;
 use crate::physics::{Engine, EngineChoice, SolverKind};
-use crate::scene::{OrderChoice, Scene, SphereEntry, ToolEntry};
+use crate::scene::{AccuracyEntry, OrderChoice, Scene, SphereEntry, ToolEntry};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -32,6 +33,8 @@ pub(crate) struct PressSetup {
     pub(super) table: Option<Table>,
     /// Whether each step of a press is one of static equilibrium.
     pub(super) quasi_static: bool,
+    /// How exact forces have to be, by the scene.
+    pub(super) accuracy: AccuracyEntry,
 }
 
 impl PressSetup {
@@ -89,6 +92,8 @@ impl PressSetup {
         let implicit = SolverKind::Implicit.to_string();
         let quasi_static =
             scene.solver.name.as_ref() == Some(&implicit) && !scene.is_time_dependent();
+        // The stage of a press does not refine by itself.
+        let accuracy = std::mem::take(&mut scene.accuracy);
         scene.tool.push(ToolEntry {
             name: Some(NAME.into()),
             sphere: Some(SphereEntry { radius }),
@@ -103,7 +108,26 @@ impl PressSetup {
             parking,
             table,
             quasi_static,
+            accuracy,
         }
+    }
+
+    /// Returns the same setup for another mesh of the same shape.
+    ///
+    /// # Errors
+    /// As [`Table::new`].
+    pub(super) fn on_mesh(&self, mesh: &TetMesh) -> Result<PressSetup> {
+        let mut setup = self.clone();
+        setup.scene = of_order(&self.scene, mesh.order);
+        if let Some(table) = &self.table {
+            let table = Table::new(mesh, -table.up())?;
+            // The pin of the table is the last one.
+            if let Some(pin) = setup.scene.pin.last_mut() {
+                *pin = table.region();
+            }
+            setup.table = Some(table);
+        }
+        Ok(setup)
     }
 
     /// Returns a warning if the body of `mesh` is in several pieces without contact.

@@ -23,6 +23,22 @@ pub(crate) struct PresentLoads {
     tools: Vec<ToolPose>,
 }
 
+impl PresentLoads {
+    /// Whether `other` has the same constraints and loads, whatever the pose of the tool of number `free`.
+    pub fn equals_but_for_tool(&self, other: &PresentLoads, free: usize) -> bool {
+        let tools = |loads: &PresentLoads| {
+            let others = loads.tools.iter().enumerate();
+            let others = others.filter(|(number, _)| *number != free);
+            others.map(|(_, pose)| *pose).collect::<Vec<_>>()
+        };
+        self.fixed == other.fixed
+            && self.forces == other.forces
+            && self.gravity == other.gravity
+            && self.amplitudes == other.amplitudes
+            && tools(self) == tools(other)
+    }
+}
+
 impl Scene {
     /// Returns the scene without moves and grabs, whose nodes [`PresentLoads`] fixes.
     pub(crate) fn without_paths(&self) -> Scene {

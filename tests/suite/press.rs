@@ -325,6 +325,49 @@ fn stiffness_map_is_uniform_on_uniform_body_and_resumes() {
     );
 }
 
+/// The stiffness of each point is within its error of that on finer meshes.
+#[test]
+fn refined_map_has_errors_that_hold() {
+    let gpu = gpu();
+    let map = |within: f64| {
+        let mut scene = block("");
+        scene.material.order = None;
+        scene.accuracy.within = Some(within);
+        let mut map = PressMap::new(&scene, &map_of([2, 1])).unwrap();
+        map.measure(&gpu, &mut |_| Ok(())).unwrap();
+        assert_eq!(map.missed(), 0);
+        map
+    };
+    let results = |map: &PressMap| {
+        let of = |p: &MapPoint| match p.pressed {
+            Some(PointResult::Stiffness {
+                n_per_m,
+                error: Some(error),
+            }) => [n_per_m, error],
+            other => panic!("{other:?}"),
+        };
+        map.points().iter().map(of).collect::<Vec<_>>()
+    };
+    let (rough, fine) = (map(0.15), map(0.03));
+    assert_ne!(rough.fingerprint(), fine.fingerprint());
+    for ([rough, error], [fine, small]) in results(&rough).into_iter().zip(results(&fine)) {
+        assert!(small < 0.03 * fine && small < error && error < 0.15 * rough);
+        assert!((rough - fine).abs() < error + small, "{rough} {fine}");
+        assert!((rough - fine).abs() > 1e-3 * fine, "the same mesh");
+    }
+    let error = rough.median_error().unwrap().total();
+    assert!(error > 0.0 && rough.stiffest_error().is_some());
+    // Restored results keep their errors.
+    let mut scene = block("");
+    scene.material.order = None;
+    scene.accuracy.within = Some(0.15);
+    let mut again = PressMap::new(&scene, &map_of([2, 1])).unwrap();
+    assert_eq!(again.fingerprint(), rough.fingerprint());
+    let found: Vec<Option<PointResult>> = rough.points().iter().map(|p| p.pressed).collect();
+    again.restore(&found).unwrap();
+    assert_eq!(again.median_error(), rough.median_error());
+}
+
 #[test]
 fn stiffness_map_rejects_invalid_options() {
     let scene = block("");

@@ -190,6 +190,8 @@ impl App {
             let screen = lock(&self.frames.screen);
             (screen.number, screen.soon)
         };
+        let error = show.and_then(|s| s.press_error()?.ok());
+        let refined = error.as_ref().and_then(|error| error.refined.as_ref());
         Frame {
             number: self.frames.number,
             presented,
@@ -207,12 +209,9 @@ impl App {
             tets: show.map_or(0, |s| s.stage().mesh().tets.len()),
             camera: [camera.eye.to_array(), camera.look_at.to_array()],
             force_n: show.and_then(BodySession::force),
-            force_error_n: show
-                .and_then(|s| s.press_error()?.ok())
-                .map(|error| error.parts.total()),
-            force_error_is_estimated: show
-                .and_then(|s| s.press_error()?.ok())
-                .map(|error| !error.is_of_another_depth),
+            force_error_n: error.as_ref().map(|error| error.parts.total()),
+            force_error_is_estimated: error.as_ref().map(|error| !error.is_of_another_depth),
+            refined_force_n: refined.map(|force| [force.round.value, force.error.total()]),
             depth_m: show.and_then(|s| s.samples().last().map(|s| s.depth_m)),
             memory_mb: memory_mb(),
             readbacks: self.gpu.readbacks(),

@@ -1,13 +1,14 @@
 //! The picture in the window, and its overlays.
 
 use crate::app::App;
-use crate::body_session::BodySession;
+use crate::body_session::{BodySession, PressError};
 use crate::pointer_tool::PointerGesture;
 #[cfg(not(target_arch = "wasm32"))]
 use crate::ui_cache::UiCache;
 use crate::viewport::Viewport;
 use eframe::egui::{self, Color32, Rect, Sense, Stroke as Line};
 use glam::DVec3;
+use palpate::accuracy::Round;
 use palpate::number_format::rounded;
 use palpate::render::Camera;
 use std::time::Duration;
@@ -94,6 +95,41 @@ impl App {
         }
     }
 
+    /// Draws the force of a press with its error, and what is known about them.
+    fn draw_force(&self, painter: &egui::Painter, area: Viewport, strong: Color32) {
+        let Some(show) = &self.show else {
+            return;
+        };
+        let (Some(force), Some(sample)) = (show.force(), show.samples().last()) else {
+            return;
+        };
+        let depth = rounded(1e3 * sample.depth_m, 4);
+        let said = match show.press_error() {
+            Some(Ok(PressError {
+                refined: Some(refined),
+                ..
+            })) => {
+                let number = refined.error.around(refined.round.value, "N");
+                format!("{number} at {depth} mm")
+            }
+            Some(Ok(error)) => format!("{} at {depth} mm", error.parts.around(force, "N")),
+            _ => format!("{} N at {depth} mm", rounded(force, 4)),
+        };
+        let at = area.rect.left_top() + egui::vec2(14.0, 12.0);
+        let font = egui::FontId::proportional(20.0);
+        let place = painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
+        if let Some(warning) = show.press_warning() {
+            let font = egui::FontId::proportional(14.0);
+            let width = area.rect.width() - 28.0;
+            let text = painter.layout(warning, font, WARNING, width);
+            painter.galley(place.left_bottom() + egui::vec2(0.0, 4.0), text, WARNING);
+        } else if let Some(about) = error_note(show) {
+            let below = place.left_bottom() + egui::vec2(0.0, 4.0);
+            let font = egui::FontId::proportional(14.0);
+            painter.text(below, egui::Align2::LEFT_TOP, about, font, strong);
+        }
+    }
+
     /// Draws what lies over the picture: handles, stroke, ruler, force, axes and progress.
     fn overlay(&mut self, ui: &mut egui::Ui, area: Viewport, camera: &Camera) {
         let mut cancelled = false;
@@ -119,28 +155,7 @@ impl App {
                 strong,
             );
         }
-        if let Some(show) = &self.show
-            && let (Some(force), Some(sample)) = (show.force(), show.samples().last())
-        {
-            let depth = rounded(1e3 * sample.depth_m, 4);
-            let said = match show.press_error() {
-                Some(Ok(error)) => format!("{} at {depth} mm", error.parts.around(force, "N")),
-                _ => format!("{} N at {depth} mm", rounded(force, 4)),
-            };
-            let at = area.rect.left_top() + egui::vec2(14.0, 12.0);
-            let font = egui::FontId::proportional(20.0);
-            let place = painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
-            if let Some(warning) = show.press_warning() {
-                let font = egui::FontId::proportional(14.0);
-                let width = area.rect.width() - 28.0;
-                let text = painter.layout(warning, font, WARNING, width);
-                painter.galley(place.left_bottom() + egui::vec2(0.0, 4.0), text, WARNING);
-            } else if let Some(about) = error_note(show) {
-                let below = place.left_bottom() + egui::vec2(0.0, 4.0);
-                let font = egui::FontId::proportional(14.0);
-                painter.text(below, egui::Align2::LEFT_TOP, about, font, strong);
-            }
-        }
+        self.draw_force(&painter, area, strong);
         self.draw_axes(&painter, area, strong);
         let loading = self.loading.as_ref();
         let loading = loading.map(|l| (l.name.clone(), l.progress(), l.opens()));
@@ -176,14 +191,30 @@ impl App {
 
 /// Returns what is known about the error of the force of a press, besides its size.
 fn error_note(show: &BodySession) -> Option<String> {
-    if show.is_estimating() {
-        return Some("estimating the error…".into());
-    }
+    let goes_on = show.is_estimating();
     match show.press_error() {
-        Some(Ok(error)) if error.is_of_another_depth => {
+        Some(Ok(PressError {
+            refined: Some(refined),
+            ..
+        })) => {
+            let Round {
+                elements, order, ..
+            } = refined.round;
+            let own = rounded(show.force()?, 4);
+            Some(format!(
+                "on a finer mesh of {elements} tets of order {order}{}; {own} N on the mesh shown",
+                if goes_on { ", refining…" } else { "" }
+            ))
+        }
+        Some(Ok(error)) if !error.is_of_another_depth => Some(format!(
+            "error: {} N{}",
+            error.parts.in_words(),
+            if goes_on { ", refining…" } else { "" }
+        )),
+        _ if goes_on => Some("estimating the error…".into()),
+        Some(Ok(_)) => {
             Some("relative error of another depth; rest to estimate that of this one".into())
         }
-        Some(Ok(error)) => Some(format!("error: {} N", error.parts.in_words())),
         Some(Err(why)) => Some(format!("error unknown: {why}")),
         None => None,
     }

@@ -8,11 +8,13 @@ use crate::physics::{Capability, SimulatorState, SolverKind};
 use crate::press::curve::{self, PressConditions};
 use crate::press::curve_warnings;
 use crate::press::error::{ErrorEstimator, LoadedState, LoadedStates};
+use crate::press::refined::Refinement;
+use crate::press::refined_session::{StateToRefine, refine_state};
 use crate::press::session::{INITIAL_CLEARANCE, PressSession};
 use crate::press::setup::PressSetup;
 use crate::press::site::{Boundary, PressSite};
-use crate::scene::Motion;
-use crate::{Error, Result, no_progress};
+use crate::scene::{AccuracyEntry, Motion};
+use crate::{Error, ProgressFn, Result, no_progress};
 
 /// Loading steps at each point.
 const STEPS: u32 = 6;
@@ -23,6 +25,8 @@ pub(super) struct Bench {
     pub mesh: TetMesh,
     /// Press depth, in file units.
     pub depth: f64,
+    /// Whether the order of its elements may be raised.
+    pub may_raise: bool,
 }
 
 impl Bench {
@@ -84,9 +88,67 @@ impl Finger<'_> {
         let samples = self.session.samples();
         let report = curve::report(samples, self.conditions(), 0.0, curve_warnings(samples));
         Ok(match report.stiffness_n_per_m {
-            Some(stiffness) => PointResult::Stiffness(stiffness),
+            Some(n_per_m) => PointResult::Stiffness {
+                n_per_m,
+                error: None,
+            },
             None => PointResult::Failed,
         })
+    }
+
+    /// As [`Finger::press`], on a mesh that is refined until the force is as exact as `wanted`. Returns
+    /// the stiffness on the last mesh, with its error.
+    ///
+    /// # Errors
+    /// As [`Finger::press`]; [`Error::Input`] for a body whose error cannot be estimated.
+    pub fn press_refined(
+        &mut self,
+        gpu: &Gpu,
+        (site, wanted): (PressSite, &AccuracyEntry),
+        check: ProgressFn,
+    ) -> Result<PointResult> {
+        let pressed = self.press(site)?;
+        let state = self.states.deepest();
+        let Some(state) = state.filter(|_| pressed != PointResult::Failed) else {
+            return Ok(PointResult::Failed);
+        };
+        let first = StateToRefine {
+            session: &self.session,
+            body: &RestBody::new(&self.bench.setup.scene, &self.motion)?,
+            state,
+            may_raise: self.bench.may_raise,
+        };
+        let (mesh, refinement) = refine_state(gpu, first, wanted, &mut |_, _| Ok(()), check)?;
+        let bench = Bench {
+            setup: self.bench.setup.on_mesh(&mesh)?,
+            mesh,
+            ..*self.bench
+        };
+        let mut finger = bench.finger(gpu)?;
+        let pressed = finger.press(site)?;
+        let PointResult::Stiffness { n_per_m, .. } = pressed else {
+            return Ok(pressed);
+        };
+        let error = match refinement.error {
+            Some(error) => finger.error_of_refined(gpu, (&refinement, error))?,
+            None => None,
+        };
+        let error = error.map(|parts| parts.total());
+        Ok(PointResult::Stiffness { n_per_m, error })
+    }
+
+    /// Returns the error of the stiffness of the last press, N/m, on the last mesh of `refined`, whose
+    /// force has the given error by the mesh, N.
+    fn error_of_refined(
+        &self,
+        gpu: &Gpu,
+        refined: (&Refinement, f64),
+    ) -> Result<Option<ErrorParts>> {
+        let body = RestBody::new(&self.bench.setup.scene, &self.motion)?;
+        let conditions = self.conditions();
+        let estimator = self.estimator(&conditions);
+        let error = estimator.of_refined(gpu, (&body, &self.states), refined)?;
+        Ok(error.map(|error| error.stiffness_n_per_m))
     }
 
     /// Presses the body from rest at `site` and estimates the error of the stiffness, N/m; `None` if
@@ -98,17 +160,22 @@ impl Finger<'_> {
         if self.press(site)? == PointResult::Failed {
             return Ok(None);
         }
-        let estimator = ErrorEstimator {
-            session: &self.session,
-            samples: self.session.samples(),
-            conditions: &self.conditions(),
-        };
+        let conditions = self.conditions();
+        let estimator = self.estimator(&conditions);
         let body = RestBody::new(&self.bench.setup.scene, &self.motion);
         let found = body.and_then(|body| estimator.run(gpu, (&body, &self.states), &no_progress));
         match found {
             Ok(found) => Ok(found.map(|error| error.stiffness_n_per_m)),
             Err(Error::Input(_) | Error::Solver { .. }) => Ok(None),
             Err(other) => Err(other),
+        }
+    }
+
+    fn estimator<'a>(&'a self, conditions: &'a PressConditions) -> ErrorEstimator<'a> {
+        ErrorEstimator {
+            session: &self.session,
+            samples: self.session.samples(),
+            conditions,
         }
     }
 

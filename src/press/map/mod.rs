@@ -8,20 +8,23 @@ use super::DEPTH;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
 use super::support_table::Table;
-use crate::accuracy::ErrorParts;
+use crate::accuracy::{ErrorParts, first_mesh};
 use crate::gpu::Gpu;
 use crate::mesh::Topology;
 use crate::number_format::significant;
 use crate::progress::ProgressScope;
-use crate::scene::{Scene, scene_hash};
+use crate::scene::{AccuracyEntry, Scene, scene_hash};
 use crate::{Error, ProgressFn, Result, no_progress};
 use finger::Bench;
 use flate2::Crc;
 use glam::DVec3;
 use grid::MapGrid;
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
 
+/// Number of the next point after an error: there is none.
+const ENDED: usize = usize::MAX / 2;
 /// Maximum number of points along a side.
 const MOST: u32 = 1_000;
 /// A point is skipped if the body is thinner there than this multiple of the press depth.
@@ -50,8 +53,13 @@ pub struct MapPoint {
 /// Result of a press of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PointResult {
-    /// Slope of force over depth in the deeper half of the loading path, N/m.
-    Stiffness(f64),
+    /// Slope of force over depth in the deeper half of the loading path.
+    Stiffness {
+        /// The slope, N/m.
+        n_per_m: f64,
+        /// Its error, N/m, if the mesh was refined for it.
+        error: Option<f64>,
+    },
     /// A simulation step failed, or the force is not that of an elastic body in contact with the
     /// fingertip.
     Failed,
@@ -81,7 +89,7 @@ impl MapPoint {
     /// Returns the measured stiffness, N/m.
     pub fn stiffness(&self) -> Option<f64> {
         match self.pressed {
-            Some(PointResult::Stiffness(found)) => Some(found),
+            Some(PointResult::Stiffness { n_per_m, .. }) => Some(n_per_m),
             _ => None,
         }
     }
@@ -102,6 +110,8 @@ pub struct PressMap {
     notes: Vec<String>,
     /// Numbers of points, with the errors of their stiffnesses.
     errors: Vec<(usize, ErrorParts)>,
+    /// How exact the force at each point has to be.
+    accuracy: AccuracyEntry,
 }
 
 /// Sites of a map, with the depth.
@@ -178,8 +188,16 @@ impl PressMap {
     /// without a suitable point; otherwise as loading the mesh.
     pub fn new(scene: &Scene, wanted: &MapOptions) -> Result<PressMap> {
         wanted.check()?;
-        let mesh = scene.load_simulated_mesh(&no_progress)?;
-        let setup = PressSetup::on_table(scene, &mesh, wanted.radius)?;
+        let accuracy = scene.accuracy.clone();
+        let (scene, mesh, may_raise) = match accuracy.within {
+            Some(_) => first_mesh(scene)?,
+            None => (
+                scene.clone(),
+                scene.load_simulated_mesh(&no_progress)?,
+                false,
+            ),
+        };
+        let setup = PressSetup::on_table(&scene, &mesh, wanted.radius)?;
         if let Some(pieces) = setup.pieces_warning(&mesh) {
             return Err(Error::Input(pieces));
         }
@@ -203,10 +221,12 @@ impl PressMap {
                 setup,
                 mesh,
                 depth: found.depth,
+                may_raise,
             }),
             grid,
             notes,
             errors: Vec::new(),
+            accuracy,
         })
     }
 
@@ -237,10 +257,16 @@ impl PressMap {
         } = self.grid;
         // The text is part of the format: a partial map can be resumed only with the same
         // fingerprint.
-        let settings = format!(
+        let mut settings = format!(
             "Grid {{ axes: {axes:?}, count: {count:?}, low: {low:?}, step: {step:?} }} {} {}",
             self.bench.setup.radius, self.bench.depth
         );
+        let AccuracyEntry {
+            within, max_tets, ..
+        } = self.accuracy;
+        if within.is_some() {
+            settings += &format!(" {within:?} {max_tets:?}");
+        }
         crc.update(settings.as_bytes());
         for p in &self.bench.mesh.nodes {
             p.to_array()
@@ -248,6 +274,21 @@ impl PressMap {
                 .for_each(|x| crc.update(&x.to_le_bytes()));
         }
         (u64::from(scene_hash(&self.bench.setup.scene)) << 32) | u64::from(crc.sum())
+    }
+
+    /// Returns the number of measured points whose stiffness is not as exact as [`Scene::accuracy`] asks
+    /// for.
+    pub fn missed(&self) -> usize {
+        let Some(within) = self.accuracy.within else {
+            return 0;
+        };
+        let is_missed = |point: &&MapPoint| match point.pressed {
+            Some(PointResult::Stiffness { n_per_m, error }) => {
+                error.is_none_or(|error| error > within * n_per_m.abs())
+            }
+            _ => false,
+        };
+        self.points.iter().filter(is_missed).count()
     }
 
     /// Restores earlier results, in the order of the points.
@@ -287,14 +328,22 @@ impl PressMap {
         let next = AtomicUsize::new(0);
         let (sender, receiver) = mpsc::channel::<Result<(usize, PointResult)>>();
         let (bench, sites) = (self.bench.clone(), self.sites.clone());
+        let accuracy = &self.accuracy.clone();
+        let goes_on = |_: &str, _: f64| match next.load(Ordering::Relaxed) < ENDED {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        };
         std::thread::scope(|scope| {
             for _ in 0..threads.min(left.len()) {
                 let (sender, left, next, sites) = (sender.clone(), &left, &next, &sites);
-                let bench = &bench;
+                let (bench, goes_on) = (&bench, &goes_on);
                 scope.spawn(move || {
                     let mut made = bench.finger(gpu);
                     while let Some(k) = left.get(next.fetch_add(1, Ordering::Relaxed)) {
                         let found = match &mut made {
+                            Ok(finger) if accuracy.within.is_some() => {
+                                finger.press_refined(gpu, (sites[*k], accuracy), goes_on)
+                            }
                             Ok(finger) => finger.press(sites[*k]),
                             Err(why) => Err(Error::Input(why.to_string())),
                         };
@@ -315,7 +364,7 @@ impl PressMap {
                 });
                 if kept.is_err() {
                     ended = kept;
-                    next.store(left.len(), Ordering::Relaxed);
+                    next.store(ENDED, Ordering::Relaxed);
                     receiver = mpsc::channel().1;
                 }
             }
@@ -324,11 +373,15 @@ impl PressMap {
     }
 
     /// Estimates the errors of the median and of the largest stiffness: presses again where they were
-    /// measured, and in the finer space. A body whose errors cannot be estimated has none.
+    /// measured, and in the finer space; errors on refined meshes are known already. A body whose errors
+    /// cannot be estimated has none.
     ///
     /// # Errors
     /// [`Error::Cancelled`], and errors of the device.
     pub fn estimate_errors(&mut self, gpu: &Gpu, progress: ProgressFn) -> Result<()> {
+        if self.accuracy.within.is_some() {
+            return Ok(());
+        }
         let report =
             |share: f64| ProgressScope::begin(progress, "estimating errors", share).map(drop);
         report(0.0)?;
@@ -355,7 +408,7 @@ impl PressMap {
     }
 
     /// Returns the error of the median stiffness, N/m, if [`PressMap::estimate_errors`] found it.
-    pub fn median_error(&self) -> Option<&ErrorParts> {
+    pub fn median_error(&self) -> Option<ErrorParts> {
         self.error_at(self.median_point()?)
     }
 
@@ -365,13 +418,22 @@ impl PressMap {
     }
 
     /// Returns the error of the largest stiffness, N/m, if [`PressMap::estimate_errors`] found it.
-    pub fn stiffest_error(&self) -> Option<&ErrorParts> {
+    pub fn stiffest_error(&self) -> Option<ErrorParts> {
         self.error_at(self.stiffest_point()?)
     }
 
-    fn error_at(&self, point: usize) -> Option<&ErrorParts> {
+    fn error_at(&self, point: usize) -> Option<ErrorParts> {
+        if let Some(PointResult::Stiffness {
+            error: Some(mesh), ..
+        }) = self.points[point].pressed
+        {
+            return Some(ErrorParts {
+                mesh,
+                ..ErrorParts::default()
+            });
+        }
         let mut errors = self.errors.iter();
-        errors.find(|(k, _)| *k == point).map(|(_, error)| error)
+        errors.find(|(k, _)| *k == point).map(|(_, error)| *error)
     }
 
     /// Returns the numbers of the measured points, from the softest to the stiffest.

@@ -3,8 +3,8 @@
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer, de};
 
-/// How exact a number has to be: a single `palpate press`, `render` and `simulate` refine the mesh until
-/// it is. Maps, the window and Python ignore this entry.
+/// How exact a number has to be: `palpate press` (at one point, and at each of a map), `render` and
+/// `simulate` refine the mesh until it is, and the window refines for the force of a press that rests.
 ///
 /// ```toml
 /// [accuracy]

@@ -114,6 +114,10 @@ impl Stage {
             let still = "the body is static, so grabs, cuts, floors and tools are ignored; set [solver] name";
             notes.push(still.into());
         }
+        if scene.accuracy.within.is_some() {
+            let coarse = "the mesh is not refined here, whatever [accuracy] says: palpate press, render and simulate do that";
+            notes.push(coarse.into());
+        }
         let mut looks = SceneAppearance::new(gpu, scene, &mut drive)?;
         notes.extend(setup_notes);
         notes.append(&mut looks.notes);

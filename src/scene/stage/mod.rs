@@ -106,6 +106,11 @@ impl Stage {
         &self.notes
     }
 
+    /// Adds a note.
+    pub fn add_note(&mut self, note: String) {
+        self.notes.push(note);
+    }
+
     /// Returns the device, and the scene as it was given.
     pub(crate) fn origin(&self) -> (&Gpu, &Scene) {
         (&self.gpu, &self.scene)

@@ -209,7 +209,31 @@ fn bodies_are_refined_until_number_is_as_exact_as_wanted() {
         error <= 0.3 * report["max_force_n"].as_f64().unwrap(),
         "{report}"
     );
-    // A map compares places on one mesh.
-    let map = [&press[..4], &["--map", "2x2", "--within", "5%"]].concat();
-    assert!(failure(&palpate(&map)).contains("a map has no --within"));
+    // A map whose points are refined.
+    let map = [
+        &press[..4],
+        &["--map", "2x1", "--radius", "0.02", "--within"],
+    ]
+    .concat();
+    let small = ["5%", "--tets", "900", "--max-tets", "1000"];
+    let output = palpate(&[&map[..], &small].concat());
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        !output.status.success() && notes.contains("2 of 2 stiffnesses are not as exact as wanted"),
+        "{notes}"
+    );
+    let rows = std::fs::read_to_string(out.join("map.csv")).unwrap();
+    let mut rows = rows.lines();
+    assert_eq!(rows.next(), Some("x,y,z,stiffness,error"));
+    for row in rows {
+        let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
+        assert!(cells[4] > 0.05 * cells[3], "{row}");
+    }
+    // Its results are kept.
+    let again = palpate(&[&map[..], &small].concat());
+    let notes = String::from_utf8_lossy(&again.stderr).into_owned();
+    assert!(
+        notes.contains("with 2 completed points") && !again.status.success(),
+        "{notes}"
+    );
 }

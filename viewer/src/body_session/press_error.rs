@@ -1,19 +1,21 @@
-//! The error of the force of a press, estimated on a background thread while the finger rests. A finger
-//! that moves has the relative error of the nearest depth at which it rested.
+//! The error of the force of a press, and the force on finer meshes, estimated on a background thread
+//! while the finger rests. A finger that moves has the relative error of the nearest depth at which it
+//! rested.
 
 use super::BodySession;
 use crate::loading::BackgroundTask;
 use eframe::egui;
 use palpate::Error;
-use palpate::accuracy::ErrorParts;
+use palpate::accuracy::{ErrorParts, Round};
 use palpate::gpu::Gpu;
 use palpate::press::PressSample;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use web_time::Instant;
 
 /// Time for which the finger rests before the estimate starts.
 const REST: Duration = Duration::from_millis(400);
-/// Largest number of elements of the finer space: 126,000 take a minute.
+/// Largest number of elements of a finer mesh: 126,000 take a minute.
 const MAX_ELEMENTS: usize = 30_000;
 
 /// The estimates of a press at one site.
@@ -22,11 +24,30 @@ pub(super) struct PressErrorEstimate {
     rests_since: Option<Instant>,
     /// The sample whose error is being estimated, or was.
     sample: Option<PressSample>,
-    task: Option<BackgroundTask<ErrorParts>>,
+    task: Option<BackgroundTask<()>>,
+    /// The estimates of that sample that the task has found and that are not taken yet.
+    found: Arc<Mutex<Vec<ForceOnMesh>>>,
     /// Why there is no error of that sample.
     failed: Option<String>,
     /// The samples with known errors.
-    known: Vec<(PressSample, ErrorParts)>,
+    known: Vec<KnownForce>,
+}
+
+/// The force of a press on one mesh.
+#[derive(Clone, Debug)]
+pub struct ForceOnMesh {
+    pub round: Round,
+    /// The parts of its error, N.
+    pub error: ErrorParts,
+}
+
+/// What is known about the force of a sample.
+struct KnownForce {
+    sample: PressSample,
+    /// The parts of its error, N.
+    error: ErrorParts,
+    /// The force on the last finer mesh.
+    refined: Option<ForceOnMesh>,
 }
 
 /// The error of the present force of a press.
@@ -35,6 +56,8 @@ pub struct PressError {
     pub parts: ErrorParts,
     /// Whether the finger has another depth than at the estimate, whose relative error this is.
     pub is_of_another_depth: bool,
+    /// The force at this depth on the last finer mesh.
+    pub refined: Option<ForceOnMesh>,
 }
 
 impl BodySession {
@@ -58,10 +81,15 @@ impl BodySession {
                 return;
             }
         }
+        own.take_found(sample);
         if let Some(done) = own.task.as_ref().and_then(BackgroundTask::try_take) {
             own.task = None;
+            own.take_found(sample);
+            let is_known = own.known.last().is_some_and(|known| known.sample == sample);
             match done {
-                Ok(parts) => own.known.push((sample, parts)),
+                // The error is known, however far its mesh could be refined.
+                Ok(()) => {}
+                Err(_) if is_known => {}
                 Err(Error::Solver { .. }) => own.failed = Some("the body has no equilibrium near this one in the finer space; press less deep, or use a finer mesh".into()),
                 Err(other) => own.failed = Some(other.to_string()),
             }
@@ -79,10 +107,23 @@ impl BodySession {
             return;
         };
         self.press_error.sample = Some(sample);
-        match session.error_estimate(motion, MAX_ELEMENTS) {
+        match session.force_estimates(motion, MAX_ELEMENTS) {
             Ok(estimate) => {
                 let gpu = gpu.clone();
-                let work = move |progress: palpate::ProgressFn<'_>| estimate(&gpu, progress);
+                let (found, woken) = (self.press_error.found.clone(), context.clone());
+                let mut each = move |round: &Round, error: &ErrorParts| {
+                    let force = ForceOnMesh {
+                        round: round.clone(),
+                        error: *error,
+                    };
+                    found
+                        .lock()
+                        .unwrap_or_else(PoisonError::into_inner)
+                        .push(force);
+                    woken.request_repaint();
+                };
+                let work =
+                    move |progress: palpate::ProgressFn<'_>| estimate(&gpu, &mut each, progress);
                 let task = BackgroundTask::spawn("estimating the error", context, work);
                 self.press_error.task = Some(task);
             }
@@ -96,18 +137,37 @@ impl BodySession {
             return Some(Err(why));
         }
         let now = self.samples().last()?;
-        let off = |sample: &PressSample| (sample.depth_m - now.depth_m).abs();
+        let off = |known: &KnownForce| (known.sample.depth_m - now.depth_m).abs();
         // Of two at the same depth the later one.
         let known = self.press_error.known.iter().rev();
-        let (sample, parts) = known.min_by(|(a, _), (b, _)| off(a).total_cmp(&off(b)))?;
+        let known = known.min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        let is_of_another_depth = known.sample != *now;
         Some(Ok(PressError {
-            parts: parts.scaled(now.force_n / sample.force_n),
-            is_of_another_depth: sample != now,
+            parts: known.error.scaled(now.force_n / known.sample.force_n),
+            is_of_another_depth,
+            refined: known.refined.clone().filter(|_| !is_of_another_depth),
         }))
     }
 
-    /// Whether the error is being estimated.
+    /// Whether the error is being estimated, or the force found on a finer mesh.
     pub fn is_estimating(&self) -> bool {
         self.press_error.task.is_some()
+    }
+}
+
+impl PressErrorEstimate {
+    /// Takes the estimates of `sample` that the task has found so far: the first is that of its own mesh.
+    fn take_found(&mut self, sample: PressSample) {
+        let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
+        for force in found.drain(..) {
+            match self.known.last_mut().filter(|known| known.sample == sample) {
+                Some(known) => known.refined = Some(force),
+                None => self.known.push(KnownForce {
+                    sample,
+                    error: force.error,
+                    refined: None,
+                }),
+            }
+        }
     }
 }

@@ -299,6 +299,19 @@ fn resting_press_has_an_error() {
     assert_eq!(moved["force_error_is_estimated"], false);
     let expected = found / force * moved["force_n"].as_f64().unwrap();
     assert!((error(&moved).unwrap() / expected - 1.0).abs() < 1e-9);
+    // While it rests, the mesh is refined in the background: the force settles, its error shrinks.
+    let refined = window.wait("the force on a finer mesh", |frame| {
+        let bar = frame["refined_force_n"][1].as_f64();
+        bar.zip(error(frame))
+            .is_some_and(|(bar, first)| 3.0 * bar < first)
+    });
+    let own = refined["force_n"].as_f64().unwrap();
+    let [force, bar] = [0, 1].map(|k| refined["refined_force_n"][k].as_f64().unwrap());
+    let coarse = error(&refined).unwrap();
+    assert!(
+        force < own && own - force < coarse + bar,
+        "{own} ± {coarse}, {force} ± {bar}"
+    );
     window.let_go();
     window.wait("the end of the press", |frame| error(frame).is_none());
 }
