@@ -15,6 +15,7 @@ mod pareto;
 mod peers;
 mod pictures;
 pub mod reference_motion;
+mod refinement;
 mod run;
 pub(crate) mod scaling;
 pub(crate) mod scan;
@@ -50,6 +51,11 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
         "elements",
         "Error of linear and quadratic tets in static equilibrium, against tets, unknowns and time",
         elements::run,
+    ),
+    (
+        "refinement",
+        "Meshes refined where they are too coarse against equal tets: error against time",
+        refinement::run,
     ),
     (
         "trust",
