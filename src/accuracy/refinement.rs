@@ -13,8 +13,13 @@ use glam::DVec3;
 use serde::Serialize;
 use web_time::Instant;
 
-/// Share of the error in energy that the divided elements carry.
-const DIVIDED_SHARE: f64 = 0.8;
+/// Share of the error in energy that the divided elements carry: the largest, far from the goal, and the
+/// smallest.
+const MOST_DIVIDED: f64 = 0.8;
+const LEAST_DIVIDED: f64 = 0.3;
+/// Part of the error of divided elements that is left, and of the wanted error at which a division aims.
+const LEFT_BY_DIVISION: f64 = 0.1;
+const AIM: f64 = 0.9;
 /// Safety factor of the error of a number.
 const SAFETY: f64 = 2.0;
 /// Smallest and largest ratio of the errors of two rounds that is relied on.
@@ -143,7 +148,8 @@ pub(crate) fn refine(
         let (mesh, solution) = stopped
             .last()
             .map_or((&best.mesh, &best.solution), |(mesh, state)| (mesh, state));
-        let Some(space) = next_space(body, mesh, &solution.errors)? else {
+        let share = divided_share(best.rounds.last().and_then(Round::share), goal);
+        let Some(space) = next_space(body, mesh, (&solution.errors, share))? else {
             best.missed = Some("no element carries an error that could be divided".into());
             return Ok(best);
         };
@@ -215,13 +221,24 @@ fn error_left(before: &Solution, now: &Solution, last_error: Option<f64>) -> f64
     (SAFETY * series).max(left / SAFETY)
 }
 
-/// Returns the space after that of `mesh`, whose solution has these `errors`; `None` if there is nothing
-/// to divide.
-fn next_space(body: &dyn Refinable, mesh: &TetMesh, errors: &[f64]) -> Result<Option<FinerSpace>> {
+/// Returns the share of the error in energy to divide, after a round whose number has the relative error
+/// `now`.
+fn divided_share(now: Option<f64>, goal: Goal) -> f64 {
+    let wanted = now.map_or(0.0, |now| AIM * goal.share / now);
+    ((1.0 - wanted) / (1.0 - LEFT_BY_DIVISION)).clamp(LEAST_DIVIDED, MOST_DIVIDED)
+}
+
+/// Returns the space after that of `mesh`, whose solution has these `errors`, of which a `share` is
+/// divided; `None` if there is nothing to divide.
+fn next_space(
+    body: &dyn Refinable,
+    mesh: &TetMesh,
+    (errors, share): (&[f64], f64),
+) -> Result<Option<FinerSpace>> {
     if mesh.order == ElementOrder::Linear && body.may_raise_order(mesh) {
         return FinerSpace::new(mesh).map(Some);
     }
-    let chosen = largest(errors, DIVIDED_SHARE);
+    let chosen = largest(errors, share);
     match chosen.contains(&true) {
         true => FinerSpace::locally(mesh, &chosen).map(Some),
         false => Ok(None),
@@ -304,6 +321,20 @@ mod tests {
         // An error in energy that grows is not relied on.
         let worse = solution(1.1, 8.0);
         assert!((error_left(&before, &worse, None) - 1.8).abs() < 1e-12);
+    }
+
+    /// Near the goal fewer elements are divided.
+    #[test]
+    fn divided_share_follows_what_is_wanted() {
+        let goal = Goal {
+            share: 0.02,
+            max_elements: 1000,
+        };
+        assert_eq!(divided_share(None, goal), MOST_DIVIDED);
+        assert_eq!(divided_share(Some(0.5), goal), MOST_DIVIDED);
+        let near = divided_share(Some(0.03), goal);
+        assert!((near - (1.0 - 0.018 / 0.03) / 0.9).abs() < 1e-12, "{near}");
+        assert_eq!(divided_share(Some(0.0201), goal), LEAST_DIVIDED);
     }
 
     #[test]

@@ -156,9 +156,12 @@ pub fn run(run: &Run, scene: Option<&Path>) -> Result<()> {
             let (Some(case), Some(method)) = (case, method) else {
                 return Ok(Vec::new());
             };
-            let rounds = case.solve(run, method, point[2].number())?;
+            let rounds = match case.solve(run, method, point[2].number()) {
+                Err(Error::Solver { .. }) => Vec::new(),
+                found => found?,
+            };
             let Some(last) = rounds.last() else {
-                return Ok(Vec::new());
+                return Ok(vec![Cell::from(f64::NAN); 5]);
             };
             let mut truths = truths.iter();
             let truth = truths.find(|row| row.text("scene") == case.name);
@@ -254,7 +257,7 @@ impl Case {
     /// Draws the error over time. Returns the name of the chart.
     fn draw(&self, run: &Run, rows: &[Row]) -> Result<String> {
         let series = Method::ALL.into_iter().map(|method| {
-            let points = self.of(rows, method);
+            let points = self.of(rows, method).filter(|row| !has_failed(row));
             let points = points.map(|r| [r.number("seconds"), 100.0 * r.number("error").abs()]);
             let name = match method {
                 Method::Refined => "refined (--within)".to_owned(),
@@ -274,6 +277,11 @@ impl Case {
     }
 }
 
+/// Whether the body had no equilibrium on this mesh.
+fn has_failed(row: &Row) -> bool {
+    row.number("error").is_nan()
+}
+
 /// Returns the mesh of equal tets that reached [`ENOUGH`] in the shortest time, and stays below it with
 /// more tets.
 fn best_of_equal<'a>(case: &Case, rows: &'a [Row]) -> Option<&'a Row> {
@@ -282,7 +290,7 @@ fn best_of_equal<'a>(case: &Case, rows: &'a [Row]) -> Option<&'a Row> {
         let own: Vec<&Row> = case.of(rows, method).collect();
         let over = own
             .iter()
-            .rposition(|row| row.number("error").abs() > ENOUGH);
+            .rposition(|row| has_failed(row) || row.number("error").abs() > ENOUGH);
         own.get(over.map_or(0, |k| k + 1)).copied()
     };
     let found = equal.into_iter().filter_map(first_enough);
@@ -326,6 +334,15 @@ fn tell(truths: &[Row], rows: &[Row]) -> String {
     }
     text += "\n| scene | method | tets | number | error | reported | s |\n| --- | --- | --- | --- | --- | --- | --- |\n";
     for row in rows {
+        if has_failed(row) {
+            text += &format!(
+                "| {} | {} | about {} | tets are inverted | | | |\n",
+                row.text("scene"),
+                row.text("method"),
+                row.number("tets_or_percent")
+            );
+            continue;
+        }
         let reported = row.number("reported");
         let reported = match reported.is_nan() {
             true => String::new(),
