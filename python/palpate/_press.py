@@ -256,6 +256,10 @@ def press_map(
     finally:
         if kept is not None:
             _keep(native.found(), mark, kept)
+    return _measured(native)
+
+
+def _measured(native: _palpate.PressMap) -> PressMap:
     unknown = (math.nan, math.nan)
     found = np.array([unknown if k is None else k for k in native.found()]).reshape(-1, 2)
     picture = _picture(native.rgba())

@@ -27,7 +27,7 @@ from . import _palpate
 from ._camera import CameraLike
 from ._errors import InputError
 from ._mesh import Mesh, PathOf
-from ._press import PressMap, _found_before, _keep, _picture, _with_files
+from ._press import PressMap, _found_before, _keep, _measured, _percent, _with_files
 from ._scene import BodyLike, Scene, picture_entries
 from ._stage import Picture, Simulator, stage_of
 
@@ -219,6 +219,8 @@ def press_map(
     radius: float | None = None,
     depth: float | None = None,
     out: PathOf | None = None,
+    within: float | None = None,
+    max_tets: int | None = None,
     each: Callable[[int, float], None] | None = None,
     adapter: str | None = None,
 ) -> PressMap:
@@ -231,10 +233,13 @@ def press_map(
         radius: radius of the fingertip, in the mesh's unit.
         depth: indentation depth, in the mesh's unit.
         out: folder in which completed points are kept, as in :func:`palpate.press_map`.
+        within: refine the mesh at each point, as in :func:`palpate.press_map`.
+        max_tets: largest number of elements for ``within``.
         each: called with the index and the stiffness (N/m) of each completed point.
         adapter: graphics adapter of the workers.
     """
-    scene = Scene.from_any(body)
+    changes = [("accuracy.within", _percent(within)), ("accuracy.max_tets", max_tets)]
+    scene = Scene.from_any(body).updated({k: v for k, v in changes if v is not None})
     wanted = ((int(points[0]), int(points[1])), radius, depth, adapter)
     native = _map(scene, *wanted)
     mark = native.mark()
@@ -244,22 +249,21 @@ def press_map(
         if kept.exists():
             native.take_over(_found_before(kept, mark))
     found = native.found()
-    left = [n for n, stiffness in enumerate(found) if stiffness is None]
+    left = [n for n, result in enumerate(found) if result is None]
     futures = {
         client.submit(_press, scene, wanted, n, len(found), pure=False, retries=RETRIES): n
         for n in left
     }
     for future in _as_completed(futures):
         n = futures[future]
-        stiffness = future.result()
-        found[n] = stiffness
+        result = future.result()
+        found[n] = result
         if kept is not None:
             _keep(found, mark, kept)
         if each is not None:
-            each(n, stiffness)
+            each(n, result[0])
     native.take_over(found)
-    stiffnesses = np.array([math.nan if k is None else k for k in found])
-    return PressMap(native.places(), stiffnesses, _picture(native.rgba()), native.notes())
+    return _measured(native)
 
 
 @dataclass(frozen=True)
@@ -480,13 +484,13 @@ def _press(
     wanted: tuple[tuple[int, int], float | None, float | None, str | None],
     number: int,
     count: int,
-) -> float:
+) -> tuple[float, float]:
     native = _map(scene, *wanted)
     # All others count as done.
-    native.take_over([None if n == number else math.nan for n in range(count)])
+    failed = (math.nan, math.nan)
+    native.take_over([None if n == number else failed for n in range(count)])
     native.measure(None)
-    found = native.found()[number]
-    return math.nan if found is None else found
+    return native.found()[number] or failed
 
 
 def _as_completed(futures: Iterable[Any]) -> Iterable[Any]:
