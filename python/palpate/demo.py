@@ -1,4 +1,4 @@
-"""Demo: ``python -m palpate.demo [FOLDER]`` writes pictures of a simulated limb."""
+"""Demo: ``python -m palpate.demo [FOLDER]`` writes pictures of a simulated limb and a pressed breast."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import palpate
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Renders a limb, simulates it under gravity and presses on it."""
+    """Renders a limb, simulates it under gravity, and presses on a breast."""
     parser = argparse.ArgumentParser(prog="python -m palpate.demo", description=__doc__)
     folder = "write the pictures to this folder [default: palpate-demo]"
     parser.add_argument("out", nargs="?", default="palpate-demo", type=Path, help=folder)
@@ -48,10 +48,12 @@ def show(out: Path, tets: int) -> None:
     )
     stress.save(out / "stress.png")
 
-    press = palpate.press(limb, size=(800, 600))
+    breast = palpate.Scene({"mesh": {"generate": "breast", "tets": max(tets, 8000)}})
+    press = palpate.press(breast, size=(800, 600), within=0.05)
     press.save(out)
-    deepest = 1e3 * press.depth.max()
-    print(f"{press.force.max():.3g} N at {deepest:.3g} mm; pictures in {out}")
+    force, deepest = press.force.max(), 1e3 * press.depth.max()
+    error = press.report["max_force_error_n"]
+    print(f"{force:.3g} N ± {error:.1g} at {deepest:.3g} mm; pictures in {out}")
 
 
 if __name__ == "__main__":

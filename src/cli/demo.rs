@@ -1,5 +1,5 @@
 //! `palpate demo`: the limb phantom bends under load, with its bones visible inside, and a
-//! fingertip presses on it.
+//! fingertip presses on a breast with a lump.
 
 use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
@@ -18,9 +18,14 @@ const SCENE: &str = include_str!("../../data/scenes/limb.toml");
 const TRANSFER: &str = include_str!("../../data/limb.json");
 /// Frame rate of the animation, 1/s.
 const FPS: f64 = 16.0;
-/// Factor by which the pressed limb, of quadratic tets, has fewer tets, and their minimum number.
-const PRESS_COARSENING: usize = 16;
-const MIN_PRESS_TETS: usize = 2_000;
+/// The scene of the press, embedded in the program.
+const PRESSED_SCENE: &str = include_str!("../../data/scenes/breast.toml");
+/// Largest error of its force, relative to it.
+const PRESS_SHARE: f64 = 0.05;
+/// Factor by which the first mesh of the press has fewer tets than the limb, and their minimum number:
+/// coarser ones do not have the shape of a breast.
+const PRESS_COARSENING: usize = 5;
+const MIN_PRESS_TETS: usize = 8_000;
 
 /// Arguments of `demo`.
 #[derive(Args)]
@@ -28,7 +33,7 @@ pub struct DemoArguments {
     /// Write the output to this folder
     #[arg(long, short, default_value = "out/demo")]
     out: PathBuf,
-    /// Set the approximate number of tets of the limb
+    /// Set the approximate number of tets of the limb; the first mesh of the press has a fifth of them
     #[arg(long, default_value_t = 100_000)]
     tets: usize,
     /// Set the number of frames of the animation
@@ -42,8 +47,9 @@ pub struct DemoArguments {
     json: bool,
 }
 
-/// Bends the limb and writes `rest.png`, `bent.png`, `bend.gif` and `bend.pvd`; then presses on it
-/// and writes the output of `palpate press` to the folder `press`.
+/// Bends the limb and writes `rest.png`, `bent.png`, `bend.gif` and `bend.pvd`; then presses on a breast,
+/// whose mesh is refined until the force is as exact as wanted, and writes the output of `palpate press`
+/// to the folder `press`.
 pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
@@ -84,9 +90,16 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     )]);
     let pressed = out.join("press");
     std::fs::create_dir_all(&pressed).map_err(Error::io(&pressed))?;
+    let mut scene = Scene::parse(PRESSED_SCENE)?;
     scene.mesh.tets = Some((arguments.tets / PRESS_COARSENING).max(MIN_PRESS_TETS));
-    print_notes(&["pressing on the forearm with a fingertip".into()]);
+    scene.picture.size = Some(arguments.size);
+    scene.accuracy.within = Some(PRESS_SHARE);
+    print_notes(&[format!(
+        "pressing on a breast with a lump, until the force is within {} %",
+        100.0 * PRESS_SHARE
+    )]);
     let report = super::press::press(gpu, &scene, &PressOptions::default(), (&pressed, true))?;
+    print_notes(report.missed.as_slice());
     if arguments.json {
         print_json(&json!({
             "adapter": gpu.adapter_name(),

@@ -2,6 +2,7 @@
 
 use super::progress;
 use clap::Args;
+use palpate::Error;
 use palpate::accuracy::{ErrorParts, Round};
 use palpate::gpu::Gpu;
 use palpate::number_format::significant;
@@ -30,11 +31,20 @@ pub struct AccuracyFlags {
 
 impl AccuracyFlags {
     /// Overrides the values of a scene.
-    pub fn apply_to(&self, scene: &mut Scene) {
+    ///
+    /// # Errors
+    /// [`Error::Input`] for flags that have no effect without --within.
+    pub fn apply_to(&self, scene: &mut Scene) -> palpate::Result<()> {
         let entry = &mut scene.accuracy;
         entry.within = self.within.or(entry.within);
         entry.of = self.of.clone().or(entry.of.take());
         entry.max_tets = self.max_tets.or(entry.max_tets);
+        match (entry.within, &self.of, self.max_tets) {
+            (None, Some(_), _) | (None, _, Some(_)) => Err(Error::Input(
+                "--of and --max-tets belong to --within, such as --within 2%".into(),
+            )),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -21,6 +21,7 @@ fn copy_goldens(to: &Path) {
 }
 
 #[test]
+#[ignore = "long: all golden comparisons and the memory of each part"]
 fn bench_writes_golden_rows_and_measurements() {
     let out = folder("bench");
     let run = ["bench", "--quick", "--only", "memory", "--json", "--out"];

@@ -209,6 +209,8 @@ fn bodies_are_refined_until_number_is_as_exact_as_wanted() {
         error <= 0.3 * report["max_force_n"].as_f64().unwrap(),
         "{report}"
     );
+    let idle = failure(&palpate(&[&press[..4], &["--max-tets", "1000"]].concat()));
+    assert!(idle.contains("belong to --within"), "{idle}");
     // A map whose points are refined.
     let map = [
         &press[..4],
