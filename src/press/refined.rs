@@ -160,13 +160,13 @@ impl PressedBody<'_, '_> {
         let session = &mut press.session;
         let [mut force, change] = session.settle_at(motion, start, before, &mut || Ok(()))?;
         session.set_depth(before);
-        self.change = change;
         if before < depth {
             let Some(sample) = session.press_to(motion, depth, "load")? else {
                 return Ok((force, Some(inversion_at(press.current_depth(), press))));
             };
             force = sample.force_n;
         }
+        self.change = change;
         Ok((force, None))
     }
 
