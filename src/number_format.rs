@@ -24,7 +24,7 @@ pub fn rounded(x: f64, digits: usize) -> String {
 }
 
 /// Formats a number and its error, with the digits that the error leaves: one of the error, or two if
-/// the first is 1. The error is rounded up.
+/// the first is 1. The error is rounded up. A number smaller than its error has two digits.
 pub(crate) fn with_error(x: f64, error: f64) -> [String; 2] {
     let error = error.abs();
     if !(x.is_finite() && error.is_finite() && error > 0.0) {
@@ -39,6 +39,11 @@ pub(crate) fn with_error(x: f64, error: f64) -> [String; 2] {
     let place = 10f64.powf(digit);
     // The tolerance keeps an error that is exact up to rounding.
     let up = (error / place - 1e-9).ceil() * place;
+    if error > x.abs() && x != 0.0 {
+        let unit = 10f64.powf(x.abs().log10().floor() - 1.0);
+        let near = (x / unit).round() * unit;
+        return [significant(near), significant(up)];
+    }
     let near = (x / place).round() * place;
     match digit < 0.0 && digit > -7.0 {
         true => {
@@ -78,6 +83,9 @@ mod tests {
             (12345.6, 321.0, ["12300", "400"]),
             (12345.6, 1210.0, ["12300", "1300"]),
             (-5.0, 0.5, ["-5.0", "0.5"]),
+            (1.3412, 9.2, ["1.3", "10"]),
+            (0.0413, 0.5, ["0.041", "0.5"]),
+            (0.0, 0.5, ["0.0", "0.5"]),
             (1.5, 0.0, ["1.5", "0"]),
             (1.5, f64::NAN, ["1.5", "NaN"]),
         ] {
