@@ -52,6 +52,12 @@ impl std::fmt::Display for Cell {
     }
 }
 
+/// Rounds a number to so many significant digits.
+pub(super) fn significant(value: f64, digits: usize) -> f64 {
+    let text = format!("{value:.*e}", digits - 1);
+    text.parse().unwrap_or(value)
+}
+
 impl From<&str> for Cell {
     fn from(text: &str) -> Cell {
         Cell::Text(text.to_owned())

@@ -1,6 +1,7 @@
 //! `study refinement`: meshes refined where they are too coarse (`--within`) against equal tets of both
 //! orders, on five scenes: error over time.
 
+use super::csv_table::significant;
 use super::{Axis, Cell, Chart, Row, Run, Series, SeriesStyle};
 use crate::accuracy::Round;
 use crate::mesh::ElementOrder;
@@ -359,9 +360,4 @@ fn tell(truths: &[Row], rows: &[Row]) -> String {
         );
     }
     text
-}
-
-fn significant(value: f64, digits: usize) -> f64 {
-    let text = format!("{value:.*e}", digits - 1);
-    text.parse().unwrap_or(value)
 }

@@ -17,6 +17,7 @@ mod meshing;
 mod physics;
 mod pipelines;
 mod press;
+mod press_refined;
 mod render;
 mod scene_bodies;
 mod scene_carried;

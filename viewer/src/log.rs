@@ -44,7 +44,7 @@ pub struct Frame {
     pub force_error_n: Option<f64>,
     /// Whether that error was estimated at this depth.
     pub force_error_is_estimated: Option<bool>,
-    /// Force on the last finer mesh at this depth, and its error, N.
+    /// Most exact force at this depth on a finer mesh, and its error, N.
     pub refined_force_n: Option<[f64; 2]>,
     /// Indentation depth of a press, m.
     pub depth_m: Option<f64>,

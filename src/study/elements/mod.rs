@@ -4,6 +4,7 @@
 mod block;
 mod problem;
 
+use super::csv_table::significant;
 use super::{Axis, Cell, Chart, Row, Run, Series, SeriesStyle};
 use crate::Result;
 use problem::{ElementKind, POISSON, Problem};
@@ -101,11 +102,6 @@ fn references(run: &Run) -> Result<Vec<Row>> {
             significant(ratio.log2(), 3).into(),
         ])
     })
-}
-
-fn significant(value: f64, digits: usize) -> f64 {
-    let text = format!("{value:.*e}", digits - 1);
-    text.parse().unwrap_or(value)
 }
 
 /// Returns the rows of an element in a problem.

@@ -46,7 +46,7 @@ struct KnownForce {
     sample: PressSample,
     /// The parts of its error, N.
     error: ErrorParts,
-    /// The force on the last finer mesh.
+    /// The most exact force on a finer mesh.
     refined: Option<ForceOnMesh>,
 }
 
@@ -56,7 +56,7 @@ pub struct PressError {
     pub parts: ErrorParts,
     /// Whether the finger has another depth than at the estimate, whose relative error this is.
     pub is_of_another_depth: bool,
-    /// The force at this depth on the last finer mesh.
+    /// The most exact force at this depth on a finer mesh.
     pub refined: Option<ForceOnMesh>,
 }
 
@@ -156,12 +156,21 @@ impl BodySession {
 }
 
 impl PressErrorEstimate {
-    /// Takes the estimates of `sample` that the task has found so far: the first is that of its own mesh.
+    /// Takes the estimates of `sample` that the task has found so far: the first is that of its own mesh;
+    /// of the others, those that are more exact than what is known.
     fn take_found(&mut self, sample: PressSample) {
         let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
         for force in found.drain(..) {
             match self.known.last_mut().filter(|known| known.sample == sample) {
-                Some(known) => known.refined = Some(force),
+                Some(known) => {
+                    let now = known
+                        .refined
+                        .as_ref()
+                        .map_or(&known.error, |best| &best.error);
+                    if force.error.total() < now.total() {
+                        known.refined = Some(force);
+                    }
+                }
                 None => self.known.push(KnownForce {
                     sample,
                     error: force.error,
