@@ -17,6 +17,8 @@ pub mod error;
 mod files;
 pub mod generate;
 pub mod gpu;
+#[cfg(feature = "identify")]
+pub mod identify;
 pub mod io;
 pub mod mesh;
 pub mod mesher;

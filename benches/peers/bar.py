@@ -127,15 +127,29 @@ class Case:
     def __init__(self, tets, poisson, rod, folder):
         self.poisson, self.rod, self.folder = poisson, rod, folder
         self.nodes, self.tets = bar(CELLS[tets])
-        self.stiff = stiff = in_rod(self.nodes, self.tets)
-        young = np.where(stiff, ROD * YOUNG, YOUNG) if rod else np.full(len(self.tets), YOUNG)
+        self.stiff = in_rod(self.nodes, self.tets)
+        young = np.where(self.stiff, ROD * YOUNG, YOUNG) if rod else np.full(len(self.tets), YOUNG)
         self.truth, self.rest = exact_motion(self.nodes, self.tets, young, poisson)
+        self.write()
+
+    @classmethod
+    def without_truth(cls, cells, poisson, folder):
+        """A bar of these cells, whose motion is not compared."""
+        case = cls.__new__(cls)
+        case.poisson, case.rod, case.folder = poisson, False, folder
+        case.nodes, case.tets = bar(cells)
+        case.stiff = in_rod(case.nodes, case.tets)
+        case.write()
+        return case
+
+    def write(self):
+        folder = self.folder
         self.mesh = folder / "bar.txt"
         folder.mkdir(parents=True, exist_ok=True)
         with open(self.mesh, "w") as file:
             print(len(self.nodes), len(self.tets), file=file)
             np.savetxt(file, self.nodes, "%.17g")
-            np.savetxt(file, np.column_stack([self.tets, stiff]), "%d")
+            np.savetxt(file, np.column_stack([self.tets, self.stiff]), "%d")
         self.models = {}
 
 

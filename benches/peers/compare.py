@@ -1,4 +1,4 @@
-"""Palpate and its peers in one sitting: peers.csv and the charts of bars and cubes."""
+"""Palpate and its peers in one sitting: peers.csv and the charts of bars, the bar at rest and cubes."""
 
 import argparse
 import csv
@@ -10,6 +10,7 @@ from pathlib import Path
 import bar
 import cube
 import matplotlib
+import rest
 
 matplotlib.use("Agg")
 from matplotlib import pyplot, ticker  # noqa: E402
@@ -36,6 +37,10 @@ LOOKS = {
     ("VTK", "ray cast"): ("#009E73", "s", "-"),
     ("VTK", "ZSweep"): ("#CC79A7", "D", "-"),
     ("Palpate", "raycast"): ("#0072B2", "o", "-"),
+    ("Palpate", "linear tets"): ("#56B4E9", "s", "-"),
+    ("Palpate", "averaged volumes"): ("#009E73", "^", "-"),
+    ("Palpate", "quadratic tets"): ("#0B3C5D", "D", "-"),
+    ("Palpate", "refined (--within)"): ("#0072B2", "o", "-"),
 }
 
 
@@ -125,11 +130,25 @@ def chart_of_cubes(rows, path):
     save(figure, path)
 
 
+def chart_of_bar_at_rest(rows, path):
+    figure, axes = pyplot.subplots(figsize=(10, 6), layout="constrained")
+    lines = curves(axes, rows)
+    axes.yaxis.set_major_formatter(ticker.FuncFormatter(lambda y, _: f"{100 * y:g} %"))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set(
+        title=f"A clamped bar at rest, ν = {rest.POISSON:g}, on more and more tets",
+        xlabel="milliseconds until rest, one thread",
+        ylabel="error of the largest displacement",
+    )
+    axes.legend(lines.values(), lines, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    save(figure, path)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--palpate", default="target/release/palpate", help="Palpate executable that renders the cube")
     parser.add_argument("--out", type=Path, required=True, help="folder for the CSV and charts")
-    parser.add_argument("--only", choices=["bar", "cube", "charts"], help="measure only this benchmark and keep the other rows")
+    parser.add_argument("--only", choices=["bar", "rest", "cube", "charts"], help="measure only this benchmark and keep the other rows")
     parser.add_argument("--tets", default=",".join(map(str, bar.CELLS)), help="tet counts of the bar, comma-separated")
     parser.add_argument("--sides", default="10,20,40", help="cells per side of the cube, comma-separated")
     parser.add_argument("--frames", type=int, default=5, help="number of frames; the median is reported")
@@ -150,7 +169,10 @@ def main():
         if asked.only in (None, "bar"):
             sizes = [int(n) for n in asked.tets.split(",")]
             found = bar.compare(root, folder / "bar", sizes)
-            rows = [[*map(rounded, row), *stamp] for row in found] + [r for r in rows if r[0] == "cube"]
+            rows = [[*map(rounded, row), *stamp] for row in found] + [r for r in rows if r[0] in ("rest", "cube")]
+        if asked.only in (None, "rest"):
+            found = rest.compare(root, asked.palpate, folder / "rest")
+            rows = [r for r in rows if r[0] != "rest"] + [[*map(rounded, row), *stamp] for row in found]
         if asked.only in (None, "cube"):
             sides = [int(n) for n in asked.sides.split(",")]
             found = cube.compare(asked.palpate, folder / "cube", sides, asked.frames)
@@ -166,6 +188,8 @@ def main():
         chart_of_bars(of("bar"), asked.out / "peers_bar")
     if of("rod"):
         chart_of_bar_with_rod(of("rod"), asked.out / "peers_rod")
+    if of("rest") and asked.only in (None, "rest", "charts"):
+        chart_of_bar_at_rest(of("rest"), asked.out / "peers_rest")
     if of("cube") and asked.only in (None, "cube"):
         chart_of_cubes(of("cube"), asked.out / "peers_cube")
 

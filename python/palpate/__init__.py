@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ._camera import Camera
 from ._errors import DeviceError, Error, FileError, InputError, MissingFileError, SolverError
+from ._identify import Identified, PressCurve, StiffnessMap, identify
 from ._mesh import Field, Mesh
 from ._palpate import __version__, adapters
 from ._press import Press, PressMap, press, press_map
@@ -34,24 +35,28 @@ __all__ = [
     "Field",
     "FileError",
     "Grab",
+    "Identified",
     "InputError",
     "Material",
     "Mesh",
     "MissingFileError",
     "Pick",
     "Press",
+    "PressCurve",
     "PressMap",
     "Reaction",
     "Renderer",
     "Scene",
     "Simulator",
     "SolverError",
+    "StiffnessMap",
     "TransferFunction",
     "Tuned",
     "View",
     "Volume",
     "__version__",
     "adapters",
+    "identify",
     "press",
     "press_map",
     "render",

@@ -194,6 +194,19 @@ class PressMap:
     def measure(self, progress: _Progress) -> None: ...
     def rgba(self) -> tuple[_Bytes, tuple[int, int]]: ...
 
+def identify(
+    entries: str,
+    folder: str,
+    data: list[str],
+    unknown: list[str],
+    noise: float | None,
+    bounds: list[tuple[str, tuple[float, float]]],
+    first: list[tuple[str, float]],
+    starts: int,
+    advise: bool,
+    adapter: str | None,
+    progress: _Progress,
+) -> tuple[str, str, Mesh | None]: ...
 def adapters() -> list[str]:
     """Returns the graphics adapters, each with its backend."""
 

@@ -74,7 +74,8 @@ def tune(
     """Finds the cheapest settings of a scene that meet a target accuracy, by measuring on this machine.
 
     Args:
-        body: scene of one tetrahedral body.
+        body: scene of one tetrahedral body. With ``accuracy.within`` its mesh is refined first, until a
+            number at rest is as exact, and the returned scene has that mesh.
         error: largest relative error of motion and of pictures.
         fps: frame rate at which the simulation has to run in real time, 1/s.
         seconds: simulated duration compared with the reference solution, s.
@@ -89,12 +90,12 @@ def tune(
             fspath(given), fspath(found), error, fps, seconds, adapter, progress
         )
         tuned = Scene.read(found)
-    if own.mesh is not None:
+        refined = found.with_suffix(".vtu")
+        mesh = Mesh.read(refined) if refined.exists() else own.mesh
+    if mesh is not None:
         # The temporary file no longer exists.
         tuned.entries.get("mesh", {}).pop("file", None)
-    return Tuned(
-        Scene(tuned.entries, folder=own.folder, mesh=own.mesh), met, notes, motion, picture
-    )
+    return Tuned(Scene(tuned.entries, folder=own.folder, mesh=mesh), met, notes, motion, picture)
 
 
 def study(

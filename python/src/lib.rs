@@ -8,6 +8,7 @@ mod body;
 mod devices;
 mod errors;
 mod gradients;
+mod identify;
 mod mesh;
 mod pieces;
 mod press;
@@ -33,6 +34,7 @@ fn _palpate(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(gradients::gradient, module)?)?;
     module.add_function(wrap_pyfunction!(gradients::gradient_of_motion, module)?)?;
     module.add_function(wrap_pyfunction!(gradients::use_double_precision, module)?)?;
+    module.add_function(wrap_pyfunction!(identify::identify, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::load_mesh, module)?)?;
     module.add_function(wrap_pyfunction!(mesh::generators, module)?)?;
     module.add_function(wrap_pyfunction!(pieces::count_pieces, module)?)?;

@@ -178,7 +178,7 @@ pub fn warp(
     Ok((volume, coverage.voxels, coverage.uncovered))
 }
 
-/// Tunes a scene file and writes the chosen settings. Returns whether they meet the requirements, a
+/// Tunes a scene file and writes the chosen settings, and a refined mesh beside them. Returns whether they meet the requirements, a
 /// description, and the milliseconds per simulated second and per image.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
@@ -199,9 +199,9 @@ pub fn tune(
         seconds,
     };
     let tuned = LongTask::new(progress).run(py, |on_progress| {
-        let tuned = palpate::tune::tune(&gpu, &Scene::read(&scene)?, &wanted, on_progress)?;
-        tuned.write(&scene, &out)?;
-        Ok(tuned)
+        let own = Scene::read(&scene)?;
+        let files = (scene.as_path(), out.as_path());
+        palpate::tune::tune_file(&gpu, &own, &wanted, files, &mut |_| {}, on_progress)
     })?;
     Ok((tuned.target_met, tuned.notes, tuned.cost))
 }

@@ -16,7 +16,7 @@ mod rest;
 pub(crate) use error_field::{error_stage, with_error_field, with_size_field};
 pub(crate) use finer_body::{FinerBody, RestBody, quasi_static_step, settle};
 pub(crate) use recovery::recovery_errors;
-pub(crate) use refined_stage::{MAX_RAISED_TETS, first_mesh, of_order};
+pub(crate) use refined_stage::{MAX_RAISED_TETS, first_mesh, of_order, refined_mesh};
 pub use refinement::Round;
 pub(crate) use refinement::{Refinable, Refined, Solution, refine};
 pub use rest::{ForceError, RestErrors};

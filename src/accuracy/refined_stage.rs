@@ -41,35 +41,50 @@ impl Stage {
         on_round: &mut dyn FnMut(&Round),
         progress: ProgressFn,
     ) -> Result<(Stage, Option<String>)> {
-        if !scene.body.is_empty() || scene.grid.is_some() || scene.cage.is_some() {
-            return Err(Error::Input(
-                "a refined scene needs a single tetrahedral body; remove [[body]], [grid] and [cage], or --within".into(),
-            ));
-        }
-        if scene.solver.name.is_none() {
-            return Err(Error::Input(
-                "a static body has no number to refine for; set a solver ([solver] name = \"implicit\"), or remove --within".into(),
-            ));
-        }
-        let number = match scene.accuracy.of.as_deref() {
-            None | Some("displacement") => Number::Displacement,
-            Some("energy") => Number::Energy,
-            Some("volume") => Number::Volume,
-            Some(name) => Number::Force(name.to_owned()),
-        };
-        let (scene, mesh, may_raise) = first_mesh(scene)?;
-        let mut body = RestingBody {
-            gpu,
-            scene: &scene,
-            number,
-            may_raise,
-            on_round,
-        };
-        let Refined { mesh, missed, .. } = refine(&mut body, mesh, &scene.accuracy, progress)?;
-        let mut scene = of_order(&scene, mesh.order);
-        scene.accuracy = AccuracyEntry::default();
+        let (scene, mesh, missed) = refined_mesh(gpu, scene, on_round, progress)?;
         Ok((Stage::with_mesh(gpu, &scene, mesh)?, missed))
     }
+}
+
+/// Returns the scene of the last mesh of [`Stage::refined`], this mesh, and why its number is not as exact
+/// as wanted, if so.
+///
+/// # Errors
+/// As [`Stage::refined`].
+pub(crate) fn refined_mesh(
+    gpu: &Gpu,
+    scene: &Scene,
+    on_round: &mut dyn FnMut(&Round),
+    progress: ProgressFn,
+) -> Result<(Scene, TetMesh, Option<String>)> {
+    if !scene.body.is_empty() || scene.grid.is_some() || scene.cage.is_some() {
+        return Err(Error::Input(
+            "a refined scene needs a single tetrahedral body; remove [[body]], [grid] and [cage], or --within".into(),
+        ));
+    }
+    if scene.solver.name.is_none() {
+        return Err(Error::Input(
+            "a static body has no number to refine for; set a solver ([solver] name = \"implicit\"), or remove --within".into(),
+        ));
+    }
+    let number = match scene.accuracy.of.as_deref() {
+        None | Some("displacement") => Number::Displacement,
+        Some("energy") => Number::Energy,
+        Some("volume") => Number::Volume,
+        Some(name) => Number::Force(name.to_owned()),
+    };
+    let (scene, mesh, may_raise) = first_mesh(scene)?;
+    let mut body = RestingBody {
+        gpu,
+        scene: &scene,
+        number,
+        may_raise,
+        on_round,
+    };
+    let Refined { mesh, missed, .. } = refine(&mut body, mesh, &scene.accuracy, progress)?;
+    let mut scene = of_order(&scene, mesh.order);
+    scene.accuracy = AccuracyEntry::default();
+    Ok((scene, mesh, missed))
 }
 
 /// Returns a scene with the order of the elements of its first mesh, this mesh, and whether the order may

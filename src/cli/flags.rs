@@ -269,7 +269,7 @@ impl SceneFlags {
             self.override_material(material);
         }
         self.override_mesh(&mut scene);
-        self.accuracy.apply_to(&mut scene)?;
+        self.accuracy.within.apply_to(&mut scene)?;
         Ok(scene)
     }
 

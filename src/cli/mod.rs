@@ -11,6 +11,8 @@ mod driver;
 mod film;
 mod flags;
 mod frames;
+#[cfg(feature = "identify")]
+mod identify;
 mod info;
 mod mesh;
 mod presets;
@@ -77,6 +79,9 @@ enum Command {
     Bench(bench::BenchArguments),
     /// Find the cheapest settings of a scene that meet a target accuracy on this machine
     Tune(tune::TuneArguments),
+    /// Find the stiffness of a body from measured presses, with intervals
+    #[cfg(feature = "identify")]
+    Identify(identify::IdentifyArguments),
     /// Open the interactive viewer
     View(view::ViewArguments),
     /// Warp a scan by the deformation of a body; write the motion as a displacement field
@@ -160,6 +165,8 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         #[cfg(feature = "study")]
         Command::Bench(arguments) => bench::run(adapter, arguments),
         Command::Tune(arguments) => tune::run(&driver::gpu(adapter)?, arguments),
+        #[cfg(feature = "identify")]
+        Command::Identify(arguments) => identify::run(&driver::gpu(adapter)?, arguments),
         Command::View(arguments) => view::run(arguments),
         Command::Warp(arguments) => warp::run(adapter, arguments),
         Command::Presets(arguments) => presets::run(arguments),

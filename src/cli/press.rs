@@ -79,7 +79,7 @@ fn pixel(text: &str) -> std::result::Result<Pixel, String> {
 pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
     let out = &arguments.out;
     let scene = arguments.scene.scene(&arguments.input)?;
-    if arguments.scene.accuracy.of.is_some() {
+    if arguments.scene.accuracy.within.of.is_some() {
         anyhow::bail!("a press is refined for its largest force; remove --of");
     }
     std::fs::create_dir_all(out).map_err(Error::io(out))?;

@@ -17,8 +17,15 @@ use std::path::Path;
 pub struct MapMetadata {
     /// Number of points along the two sides.
     grid: [u32; 2],
+    /// Radius of the fingertip and depth, in file units.
     radius: f64,
     depth: f64,
+    /// Unit vector along which the fingertip advances.
+    #[serde(default)]
+    direction: [f64; 3],
+    /// Metres per file unit.
+    #[serde(default)]
+    length_unit_m: f64,
     /// Numbers of requested points, of completed points, and of points at which a step failed.
     points: usize,
     pressed: usize,
@@ -218,6 +225,8 @@ fn write_metadata(
         grid: wanted.points,
         radius,
         depth,
+        direction: map.direction().to_array(),
+        length_unit_m: map.length_unit(),
         points: map.points().len(),
         pressed: map
             .points()

@@ -5,7 +5,7 @@ use clap::Args;
 use palpate::Error;
 use palpate::accuracy::{ErrorParts, Round};
 use palpate::gpu::Gpu;
-use palpate::number_format::significant;
+use palpate::number_format::{rounded, significant};
 use palpate::scene::{AccuracyEntry, OrderChoice, Scene, Stage};
 
 /// Flags of the elements and of the error that a number may have; each overrides a value of the scene file.
@@ -15,6 +15,13 @@ pub struct AccuracyFlags {
     /// have the same error) or auto (2 for at most 30,000 tets) [default: 1; auto for a single press]
     #[arg(long, value_name = "N", help_heading = "Accuracy")]
     pub order: Option<OrderChoice>,
+    #[command(flatten)]
+    pub within: WithinFlags,
+}
+
+/// Flags of the error that a number may have; each overrides a value of the scene file.
+#[derive(Args, Clone, Debug, Default)]
+pub struct WithinFlags {
     /// Refine the mesh where it is too coarse, and raise the order of its elements, until the error of
     /// a number is at most this share of it, such as 2%: of the largest force of a press, otherwise
     /// --of
@@ -29,7 +36,7 @@ pub struct AccuracyFlags {
     pub max_tets: Option<usize>,
 }
 
-impl AccuracyFlags {
+impl WithinFlags {
     /// Overrides the values of a scene.
     ///
     /// # Errors
@@ -66,11 +73,23 @@ pub fn in_words(round: &Round, (what, unit): (&str, &str)) -> String {
         None => format!("{} {unit}", significant(round.value)),
     };
     let line = format!(
-        "{} tets of order {}: {what} {number}, {:.1} s",
-        round.elements, round.order, round.seconds
+        "{} tets of order {}: {what} {number}, {} s",
+        round.elements,
+        round.order,
+        rounded(round.seconds, 2)
     );
     // Numbers without a unit.
     line.replace("  ", " ").replace(" , ", ", ")
+}
+
+/// Returns what the number is that a scene is refined for, and its unit.
+pub fn unit(scene: &Scene) -> (&'static str, &'static str) {
+    match scene.accuracy.of.as_deref() {
+        None | Some("displacement") => ("largest displacement", ""),
+        Some("energy") => ("elastic energy", "J"),
+        Some("volume") => ("volume ratio", ""),
+        Some(_) => ("force", "N"),
+    }
 }
 
 /// Creates the stage of `scene`: on a refined mesh if it asks for that. Also returns why its number is
@@ -80,12 +99,7 @@ pub fn stage(gpu: &Gpu, scene: &Scene) -> palpate::Result<(Stage, Option<String>
         let stage = progress::with_message("preparing", || Stage::new(gpu, scene))?;
         return Ok((stage, None));
     }
-    let unit = match scene.accuracy.of.as_deref() {
-        None | Some("displacement") => ("largest displacement", ""),
-        Some("energy") => ("elastic energy", "J"),
-        Some("volume") => ("volume ratio", ""),
-        Some(_) => ("force", "N"),
-    };
+    let unit = unit(scene);
     let mut on_round = |round: &Round| super::print_notes(&[in_words(round, unit)]);
     progress::with_stages(|progress| Stage::refined(gpu, scene, &mut on_round, progress))
 }

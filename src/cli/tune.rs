@@ -1,10 +1,12 @@
 //! `palpate tune`: searches for the cheapest settings of a scene within an error tolerance.
 
+use super::refinement::{WithinFlags, in_words};
 use super::{Outcome, print_json, progress};
 use clap::Args;
+use palpate::accuracy::Round;
 use palpate::gpu::Gpu;
 use palpate::scene::Scene;
-use palpate::tune::{SearchResult, TuneTarget, tune};
+use palpate::tune::{SearchResult, TuneTarget, tune_file};
 use serde_json::{Value, json};
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -23,9 +25,11 @@ pub struct TuneArguments {
     /// Set the simulated duration compared with the reference solution, s
     #[arg(long, default_value_t = 0.5)]
     seconds: f64,
-    /// Write the scene with the chosen settings to this file
+    /// Write the scene with the chosen settings to this file; with --within, its mesh beside it (.vtu)
     #[arg(long, short)]
     out: PathBuf,
+    #[command(flatten)]
+    accuracy: WithinFlags,
     /// Print the report on standard output as JSON
     #[arg(long)]
     json: bool,
@@ -33,15 +37,20 @@ pub struct TuneArguments {
 
 /// Tunes a scene; exit code 1 if no settings meet the target, and the best ones are written.
 pub fn run(gpu: &Gpu, arguments: &TuneArguments) -> anyhow::Result<Outcome> {
-    let scene = Scene::read(&arguments.scene)?;
+    let mut scene = Scene::read(&arguments.scene)?;
+    arguments.accuracy.apply_to(&mut scene)?;
     super::print_notes(scene.notes());
     let wanted = TuneTarget {
         error: arguments.error,
         fps: arguments.fps,
         seconds: arguments.seconds,
     };
-    let tuned = progress::with_stages(|progress| tune(gpu, &scene, &wanted, progress))?;
-    tuned.write(&arguments.scene, &arguments.out)?;
+    let unit = super::refinement::unit(&scene);
+    let mut on_round = |round: &Round| super::print_notes(&[in_words(round, unit)]);
+    let files = (arguments.scene.as_path(), arguments.out.as_path());
+    let tuned = progress::with_stages(|progress| {
+        tune_file(gpu, &scene, &wanted, files, &mut on_round, progress)
+    })?;
     super::print_notes(&tuned.notes);
     if arguments.json {
         print_json(&json!({

@@ -9,6 +9,8 @@ mod error;
 mod interactive;
 mod interactive_error;
 mod map;
+#[cfg(feature = "identify")]
+mod presser;
 mod question;
 mod refined;
 mod refined_session;
@@ -23,6 +25,8 @@ mod validity;
 pub use curve::{Bed, PressConditions, PressReport, PressSample};
 pub use interactive::InteractiveStage;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
+#[cfg(feature = "identify")]
+pub(crate) use presser::Presser;
 pub use session::PressSession;
 pub(crate) use setup::PressSetup;
 pub use site::PressSite;

@@ -69,7 +69,7 @@ impl Boundary {
         }
     }
 
-    fn diagonal(&self) -> f64 {
+    pub(super) fn diagonal(&self) -> f64 {
         self.low.distance(self.high)
     }
 
@@ -80,12 +80,22 @@ impl Boundary {
     }
 
     /// Returns the site at a boundary point.
-    fn spot(&self, point: DVec3, out: DVec3) -> PressSite {
+    pub(super) fn spot(&self, point: DVec3, out: DVec3) -> PressSite {
         PressSite {
             point,
             outward: out,
             thickness: self.thickness(point, out),
         }
+    }
+
+    /// Returns the middle of each face, and its outward direction.
+    #[cfg(feature = "identify")]
+    pub(super) fn face_middles(&self) -> Vec<(DVec3, DVec3)> {
+        let of = |[a, b, c]: &[DVec3; 3]| {
+            let outward = (*b - *a).cross(*c - *a).normalize_or_zero();
+            ((*a + *b + *c) / 3.0, outward)
+        };
+        self.faces.iter().map(of).collect()
     }
 
     /// Returns the tet behind the boundary at a point.

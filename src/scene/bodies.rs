@@ -42,6 +42,16 @@ impl Scene {
         self.load_mesh(&no_progress)
     }
 
+    /// Returns metres per unit of the coordinates of `mesh`: by the scene, or by the mesh; `None` if
+    /// neither says.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for an invalid unit.
+    pub(crate) fn length_unit(&self, mesh: &TetMesh) -> Result<Option<f64>> {
+        let given = self.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
+        Ok(given.or(mesh.length_unit))
+    }
+
     fn check_single_body(&self) -> Result<()> {
         match self.body.is_empty() {
             true => Ok(()),
@@ -104,8 +114,7 @@ impl Scene {
                 (mesh, Some(shape), notes)
             }
         };
-        let given = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
-        let own = given.or(mesh.length_unit);
+        let own = scene.length_unit(&mesh)?;
         let unit = unit.unwrap_or(own);
         let scale = own.unwrap_or(1.0) / unit.unwrap_or(1.0);
         let offset = DVec3::from(entry.offset.unwrap_or_default());

@@ -57,8 +57,7 @@ impl SimulatorSetup {
         shape: Option<GridShape>,
     ) -> Result<(SimulatorSetup, Vec<String>)> {
         let mut notes = Vec::new();
-        let unit = scene.mesh.unit.as_ref().map(|u| u.metres()).transpose()?;
-        let unit = unit.or(mesh.length_unit);
+        let unit = scene.length_unit(&mesh)?;
         let (low, high) = mesh.bounds();
         let length = (high - low).max_element();
         if unit.is_none() && length > SUSPICIOUS_LENGTH {

@@ -10,6 +10,7 @@
 mod motion;
 mod motion_point;
 mod picture;
+mod refined;
 mod search;
 mod write;
 
@@ -17,6 +18,7 @@ pub use motion::{Cost, MotionSearch};
 pub use motion_point::{Body, MotionPoint};
 pub(crate) use picture::PicturePoint;
 pub(crate) use picture::PictureSearch;
+pub use refined::tune_file;
 pub use search::{Candidates, SearchResult};
 pub use write::{Change, EntryValue};
 
@@ -52,6 +54,8 @@ pub struct Tuned {
     pub notes: Vec<String>,
     /// The scene with the chosen settings.
     pub scene: Scene,
+    /// Whether its mesh was refined first ([`tune_file`]).
+    pub has_refined_mesh: bool,
 }
 
 /// Finds the cheapest settings for `scene` on `gpu` that meet the target `wanted`; calls `progress`
@@ -137,6 +141,7 @@ pub fn tune(gpu: &Gpu, scene: &Scene, wanted: &TuneTarget, progress: ProgressFn)
         target_met: met,
         notes,
         scene: tuned,
+        has_refined_mesh: false,
     })
 }
 

@@ -1,11 +1,10 @@
 //! Writes a scene file with tuned settings.
 
 use super::Tuned;
-use crate::io::atomic_write;
-use crate::{Error, Result};
-use std::io::Write;
-use std::path::{Path, PathBuf};
-use toml::{Table, Value};
+use crate::Result;
+use crate::scene::ScenePatch;
+use std::path::Path;
+use toml::Value;
 
 /// A change of an entry of a scene file.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,74 +80,19 @@ pub(super) fn changes(tuned: &Tuned) -> Vec<Change> {
 
 /// Writes `from` as `to` with the settings of `tuned`.
 pub(super) fn write(tuned: &Tuned, from: &Path, to: &Path) -> Result<()> {
-    let text = std::fs::read_to_string(from).map_err(Error::io(from))?;
-    let mut scene: Table = text
-        .parse()
-        .map_err(|e: toml::de::Error| Error::format(from, e.to_string()))?;
-    let (old, new) = (folder(from)?, folder(to)?);
-    if old != new {
-        find_from_afar(&mut scene, &old);
-    }
+    let mut patch = ScenePatch::read(from, to)?;
     for Change { table, key, value } in changes(tuned) {
-        let Some(key) = key else {
-            scene.remove(table);
-            continue;
-        };
-        let mut own = taken(&mut scene, table);
-        match value {
-            Some(value) => drop(own.insert(key.into(), value.into())),
-            None => drop(own.remove(key)),
+        match (key, value) {
+            (None, _) => patch.remove(table),
+            (Some(key), None) => patch.remove_key(table, key),
+            (Some(key), Some(value)) => patch.set(&[table, key], value)?,
         }
-        scene.insert(table.into(), Value::Table(own));
     }
-    let text = toml::to_string(&scene).map_err(|e| Error::format(to, e.to_string()))?;
-    atomic_write(to, |file| {
-        let notes = tuned.notes.iter().map(|n| format!("# {n}\n"));
-        let notes: String = notes.collect();
-        write!(file, "{notes}\n{text}").map_err(Error::io(to))
-    })
-}
-
-/// Removes a table from a scene and returns it; an empty one if it does not exist.
-fn taken(scene: &mut Table, key: &str) -> Table {
-    match scene.remove(key) {
-        Some(Value::Table(table)) => table,
-        _ => Table::new(),
-    }
-}
-
-/// Returns the canonical path of the folder of a file; the folder must exist.
-fn folder(file: &Path) -> Result<PathBuf> {
-    let folder = match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    std::fs::canonicalize(folder).map_err(Error::io(folder))
-}
-
-/// Makes the file paths in a scene absolute, relative to `folder`.
-fn find_from_afar(scene: &mut Table, folder: &Path) {
-    let absolute = |value: &mut Value| {
-        if let Value::String(file) = value {
-            *file = folder.join(&*file).to_string_lossy().into_owned();
-        }
-    };
-    if let Some(file) = scene.get_mut("mesh").and_then(|m| m.get_mut("file")) {
-        absolute(file);
-    }
-    if let Some(transfer) = scene
-        .get_mut("picture")
-        .and_then(|p| p.get_mut("transfer"))
-        .filter(|t| t.as_str().is_some_and(|t| t.ends_with(".json")))
+    if tuned.has_refined_mesh
+        && let Some(file) = &tuned.scene.mesh.file
     {
-        absolute(transfer);
+        patch.remove("accuracy");
+        patch.use_mesh_beside(file, &tuned.scene)?;
     }
-    let skins = scene.get_mut("skin").and_then(Value::as_array_mut);
-    for skin in skins.into_iter().flatten() {
-        for key in ["file", "normal_map", "height_map"] {
-            if let Some(file) = skin.get_mut(key) {
-                absolute(file);
-            }
-        }
-    }
+    patch.write(to, &tuned.notes)
 }

@@ -101,6 +101,8 @@ pub struct PressMap {
     bench: Arc<Bench>,
     /// Direction away from the table.
     up: DVec3,
+    /// Metres per file unit.
+    unit: f64,
     /// Grid of the map.
     grid: MapGrid,
     sites: Vec<PressSite>,
@@ -214,6 +216,7 @@ impl PressMap {
         };
         Ok(PressMap {
             up: table.up(),
+            unit: scene.length_unit(&mesh)?.unwrap_or(1.0),
             points: found.fit.iter().map(point).collect(),
             cells: found.fit.iter().map(|(cell, _)| *cell).collect(),
             sites: found.fit.iter().map(|(_, site)| *site).collect(),
@@ -243,6 +246,16 @@ impl PressMap {
     /// Returns the radius of the fingertip and the press depth, in file units.
     pub fn radius_and_depth(&self) -> [f64; 2] {
         [self.bench.setup.radius, self.bench.depth]
+    }
+
+    /// Returns the unit vector along which the fingertip advances.
+    pub fn direction(&self) -> DVec3 {
+        -self.up
+    }
+
+    /// Returns metres per file unit.
+    pub fn length_unit(&self) -> f64 {
+        self.unit
     }
 
     /// Returns a hash of the body, scene, grid and press settings: results with another fingerprint

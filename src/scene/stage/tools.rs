@@ -35,6 +35,14 @@ impl Motion {
         Ok((id, ToolPose::new(place, turn)))
     }
 
+    /// Returns the tool of this number.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for an unknown tool, or one with a path.
+    pub(crate) fn tool_id(&self, number: usize) -> Result<ToolId> {
+        Ok(self.interactive_tool(number, DVec3::ZERO)?.0)
+    }
+
     /// Returns the force of the body on the tool of this number, N.
     ///
     /// # Errors

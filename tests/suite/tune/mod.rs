@@ -3,8 +3,10 @@
 
 use palpate::gpu::Gpu;
 use palpate::mesh::ElementOrder;
-use palpate::scene::{OrderChoice, Scene};
-use palpate::tune::{Body, Candidates, Cost, MotionPoint, MotionSearch, SearchResult, TuneTarget};
+use palpate::scene::{AccuracyEntry, OrderChoice, Scene};
+use palpate::tune::{
+    Body, Candidates, Cost, MotionPoint, MotionSearch, SearchResult, TuneTarget, tune_file,
+};
 use std::collections::HashMap;
 use std::ops::ControlFlow;
 
@@ -284,6 +286,59 @@ fn order_of_elements_is_chosen_and_written() {
 }
 
 /// A body without order 2 has no choice of it, and its order is not written.
+/// The mesh is refined first, for a number at rest; methods are chosen on it by trial.
+#[test]
+fn mesh_of_scene_with_accuracy_is_refined_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let [from, to] = ["bar.toml", "tuned.toml"].map(|name| folder.path().join(name));
+    let goal = "[accuracy]\nwithin = \"8%\"\n";
+    std::fs::write(&from, format!("{BENDING_BAR}{goal}")).unwrap();
+    let scene = Scene::read(&from).unwrap();
+    let wanted = TuneTarget {
+        error: 0.1,
+        fps: None,
+        seconds: 0.2,
+    };
+    let mut rounds = Vec::new();
+    let tuned = tune_file(
+        &crate::support::gpu(),
+        &scene,
+        &wanted,
+        (&from, &to),
+        &mut |round| rounds.push(round.clone()),
+        &palpate::no_progress,
+    )
+    .unwrap();
+    assert!(tuned.target_met, "{:?}", tuned.notes);
+    let last = rounds.last().unwrap();
+    assert!(last.share().unwrap() <= 0.08, "{rounds:?}");
+    let again = Scene::read(&to).unwrap();
+    assert_eq!(again.accuracy, AccuracyEntry::default());
+    let mesh = palpate::io::read(to.with_extension("vtu")).unwrap();
+    assert_eq!(
+        (mesh.order.number(), mesh.element_count()),
+        (last.order, last.elements)
+    );
+    let mut stage = palpate::scene::Stage::new(&crate::support::gpu(), &again).unwrap();
+    stage.run(2, &mut |_| {}).unwrap();
+
+    // An error that cannot be had is no success.
+    let goal = "[accuracy]\nwithin = \"0.01%\"\nmax_tets = 100\n";
+    let scene = Scene::parse(&format!("{BENDING_BAR}{goal}")).unwrap();
+    let missed = tune_file(
+        &crate::support::gpu(),
+        &scene,
+        &wanted,
+        (&from, &to),
+        &mut |_| {},
+        &palpate::no_progress,
+    )
+    .unwrap();
+    assert!(!missed.target_met);
+    let notes = missed.notes.join("\n");
+    assert!(notes.contains("not as exact as wanted"), "{notes}");
+}
+
 #[test]
 fn order_is_no_choice_for_springs_and_averaged_volumes() {
     let gpu = crate::support::gpu();

@@ -1,0 +1,265 @@
+//! Weighted least squares by Levenberg and Marquardt's method, within bounds (Moré 1978, "The
+//! Levenberg–Marquardt algorithm: implementation and theory").
+
+use super::forward::{Prediction, PressedBody};
+use super::unknown::ScaledUnknown;
+use crate::{Error, ProgressFn, Result};
+use nalgebra::{DMatrix, DVector};
+
+/// Largest number of steps.
+const MAX_STEPS: u32 = 40;
+/// Largest number of values that are tried in a step.
+const MAX_TRIALS: u32 = 8;
+/// Relative decrease of the sum of squares, and change of θ, below which the search ends.
+const ENOUGH: f64 = 1e-5;
+const SMALL_STEP: f64 = 1e-4;
+/// Longest step of θ, for values and their logarithms, and largest factor of a value.
+const LONGEST_STEP: f64 = 1.0;
+const LONGEST_LOGARITHM: f64 = 4.0;
+const LARGEST_FACTOR: f64 = 5.0;
+/// Damping of the first step, and its factors after a success and a failure.
+const FIRST_DAMPING: f64 = 1e-3;
+const LESS: f64 = 0.2;
+const MORE: f64 = 6.0;
+/// θ of two starts that count as the same.
+const SAME: f64 = 0.2;
+
+/// Receives the number of a step, the root mean square of the residuals and the values.
+pub(super) type OnStep<'a> = &'a mut dyn FnMut(u32, f64, &[f64]) -> Result<()>;
+
+/// The body, and how to stop.
+pub(super) struct Model<'a, 'b> {
+    pub body: &'a PressedBody<'b>,
+    pub progress: ProgressFn<'a>,
+}
+
+/// Values at the start.
+pub(super) struct Start {
+    theta: DVector<f64>,
+}
+
+impl Start {
+    /// Returns a start from values.
+    pub fn at(values: &[f64], unknowns: &[ScaledUnknown]) -> Start {
+        let theta = unknowns.iter().zip(values);
+        let theta = theta.map(|(unknown, value)| {
+            let [low, high] = unknown.bounds;
+            unknown.theta(value.clamp(low, high))
+        });
+        Start {
+            theta: DVector::from_iterator(values.len(), theta),
+        }
+    }
+
+    /// Returns start `n`: the first values, then others, spread within the bounds around them.
+    pub fn number(n: u32, unknowns: &[ScaledUnknown]) -> Start {
+        // Low-discrepancy points (Roberts's R sequence: powers of the positive root of x^(d+1) = x + 1).
+        let dimensions = unknowns.len() as i32;
+        let mut root = 2.0f64;
+        for _ in 0..50 {
+            root = (1.0 + root).powf(1.0 / f64::from(dimensions + 1));
+        }
+        let theta = unknowns.iter().enumerate().map(|(k, unknown)| {
+            let first = unknown.theta(unknown.first);
+            if n == 0 {
+                return first;
+            }
+            let along = (0.5 + f64::from(n) * root.powi(-(k as i32 + 1))).fract();
+            let [low, high] = unknown.bounds.map(|v| unknown.theta(v));
+            let (low, high) = (low.max(first - 2.0), high.min(first + 2.0));
+            low + along * (high - low)
+        });
+        Start {
+            theta: DVector::from_iterator(unknowns.len(), theta),
+        }
+    }
+}
+
+/// An optimum.
+#[derive(Clone, Debug)]
+pub(super) struct Solution {
+    pub theta: DVector<f64>,
+    pub values: Vec<f64>,
+    /// Residuals over their standard deviations, at a noise of 1, and their derivatives by θ.
+    pub residuals: DVector<f64>,
+    pub jacobian: DMatrix<f64>,
+    /// Predicted numbers.
+    pub predicted: Vec<f64>,
+    /// Which unknowns are at a bound.
+    pub at_bound: Vec<bool>,
+    /// Whether the search ended by its own rule.
+    pub converged: bool,
+}
+
+impl Solution {
+    pub fn sum_of_squares(&self) -> f64 {
+        self.residuals.norm_squared()
+    }
+}
+
+/// Finds the values of the least sum of squares from a start. Calls `each` with the number of the step, the
+/// root mean square of the residuals and the values.
+///
+/// # Errors
+/// Those of the predictions at the start, and of `each`.
+pub(super) fn minimise(model: &Model, start: &Start, each: OnStep<'_>) -> Result<Solution> {
+    let mut now = model.at(&start.theta)?;
+    let count = now.residuals.len() as f64;
+    let root_mean_square = |solution: &Solution| (solution.sum_of_squares() / count).sqrt();
+    each(0, root_mean_square(&now), &now.values)?;
+    let mut damping = FIRST_DAMPING;
+    for step in 1..=MAX_STEPS {
+        let mut next = None;
+        for _ in 0..MAX_TRIALS {
+            let change = model.change(&now, damping);
+            if change.amax() < SMALL_STEP {
+                break;
+            }
+            let tried = match model.at(&model.moved(&now, &change)) {
+                Ok(tried) => Some(tried),
+                // No equilibrium at these values.
+                Err(Error::Solver { .. } | Error::Input(_)) => None,
+                Err(other) => return Err(other),
+            };
+            match tried.filter(|tried| tried.sum_of_squares() < now.sum_of_squares()) {
+                Some(better) => {
+                    damping *= LESS;
+                    next = Some(better);
+                    break;
+                }
+                None => damping *= MORE,
+            }
+        }
+        let Some(next) = next else {
+            now.converged = true;
+            return Ok(now);
+        };
+        let decrease = 1.0 - next.sum_of_squares() / now.sum_of_squares();
+        now = next;
+        each(step, root_mean_square(&now), &now.values)?;
+        if decrease < ENOUGH {
+            now.converged = true;
+            return Ok(now);
+        }
+    }
+    Ok(now)
+}
+
+/// Returns the optima among sorted solutions that differ from the first, with sums of squares up to four
+/// times as large.
+pub(super) fn distinct(sorted: &[Solution]) -> Vec<Solution> {
+    let Some(best) = sorted.first() else {
+        return Vec::new();
+    };
+    let most = 4.0 * best.sum_of_squares() + best.residuals.len() as f64 * 1e-6;
+    let mut kept: Vec<Solution> = Vec::new();
+    for other in &sorted[1..] {
+        let is_new = |one: &Solution| (&one.theta - &other.theta).amax() > SAME;
+        if other.sum_of_squares() <= most && is_new(best) && kept.iter().all(is_new) {
+            kept.push(other.clone());
+        }
+    }
+    kept
+}
+
+impl Model<'_, '_> {
+    /// Returns residuals and derivatives at θ, which is moved into the bounds.
+    fn at(&self, theta: &DVector<f64>) -> Result<Solution> {
+        let unknowns = self.body.unknowns();
+        let values: Vec<f64> = unknowns
+            .iter()
+            .zip(theta)
+            .map(|(unknown, theta)| unknown.value(*theta))
+            .collect();
+        let Prediction { numbers, slopes } = self.body.predict(&values, self.progress)?;
+        let sigma = self.body.standard_deviations();
+        let observations = self.body.observations();
+        let rows = numbers.len();
+        let residuals =
+            DVector::from_fn(rows, |i, _| (numbers[i] - observations[i].value) / sigma[i]);
+        let jacobian = DMatrix::from_fn(rows, unknowns.len(), |i, k| {
+            slopes[i][k] * unknowns[k].slope(values[k]) / sigma[i]
+        });
+        let at_bound = unknowns.iter().zip(&values).map(|(unknown, value)| {
+            let [low, high] = unknown.bounds;
+            let near = 1e-6 * (high - low);
+            *value <= low + near.min(1e-6 * low.abs()) || *value >= high - near
+        });
+        Ok(Solution {
+            theta: DVector::from_iterator(
+                values.len(),
+                unknowns
+                    .iter()
+                    .zip(&values)
+                    .map(|(unknown, value)| unknown.theta(*value)),
+            ),
+            at_bound: at_bound.collect(),
+            residuals,
+            jacobian,
+            values,
+            predicted: numbers,
+            converged: false,
+        })
+    }
+
+    /// Returns θ after a change. Forces are proportional to moduli, so the change is one of the value, not
+    /// of its logarithm: with one modulus a step ends at the optimum.
+    fn moved(&self, now: &Solution, change: &DVector<f64>) -> DVector<f64> {
+        let unknowns = self.body.unknowns().iter().enumerate();
+        let moved = unknowns.map(|(k, unknown)| {
+            let value = now.values[k];
+            let next = value + change[k] * unknown.slope(value);
+            match unknown.is_logarithmic() {
+                true => unknown.theta(next.clamp(value / LARGEST_FACTOR, value * LARGEST_FACTOR)),
+                false => unknown.theta(next),
+            }
+        });
+        DVector::from_iterator(change.len(), moved)
+    }
+
+    /// Returns the change of θ by the damped normal equations; unknowns that would leave their bounds
+    /// stay.
+    fn change(&self, now: &Solution, damping: f64) -> DVector<f64> {
+        let count = now.theta.len();
+        let gradient = now.jacobian.transpose() * &now.residuals;
+        let normal = now.jacobian.transpose() * &now.jacobian;
+        let largest = normal.diagonal().amax();
+        let mut held = vec![false; count];
+        loop {
+            let free: Vec<usize> = (0..count).filter(|k| !held[*k]).collect();
+            let mut change = DVector::zeros(count);
+            if free.is_empty() {
+                return change;
+            }
+            let mut matrix = normal.select_rows(&free).select_columns(&free);
+            for (row, k) in free.iter().enumerate() {
+                matrix[(row, row)] +=
+                    damping * normal[(*k, *k)].max(1e-9 * largest) + f64::MIN_POSITIVE;
+            }
+            let right = DVector::from_iterator(free.len(), free.iter().map(|k| -gradient[*k]));
+            let Some(solved) = matrix.cholesky().map(|factor| factor.solve(&right)) else {
+                return change;
+            };
+            for (k, x) in free.iter().zip(&solved) {
+                change[*k] = *x;
+            }
+            let lengths = self.body.unknowns().iter().zip(&change);
+            let lengths = lengths.map(|(unknown, x)| match unknown.is_logarithmic() {
+                true => x.abs() / LONGEST_LOGARITHM,
+                false => x.abs() / LONGEST_STEP,
+            });
+            change /= lengths.fold(1.0, f64::max);
+            let leaves = |k: &usize| {
+                let unknown = &self.body.unknowns()[*k];
+                let [low, high] = unknown.bounds.map(|v| unknown.theta(v));
+                (now.theta[*k] <= low + 1e-9 && change[*k] < 0.0)
+                    || (now.theta[*k] >= high - 1e-9 && change[*k] > 0.0)
+            };
+            let leaving: Vec<usize> = free.iter().copied().filter(leaves).collect();
+            if leaving.is_empty() {
+                return change;
+            }
+            leaving.into_iter().for_each(|k| held[k] = true);
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Where to look for a lump first: the ball whose stiffness, to first order, explains most of what a body
+//! without one does not.
+
+use super::forward::PressedBody;
+use super::least_squares::Start;
+use super::lump::Lump;
+use super::unknown::Kind;
+use crate::{ProgressFn, Result};
+use nalgebra::{DMatrix, DVector};
+
+/// Diameters of the balls, relative to the largest extent of the body.
+const DIAMETERS: [f64; 3] = [0.08, 0.13, 0.2];
+/// Largest number of middles.
+const MIDDLES: usize = 2000;
+/// Bounds of the contrast at the start.
+const CONTRASTS: [f64; 2] = [0.4, 3.0];
+
+/// Returns a start with the lump at the best ball; `None` if no lump is among the unknowns, or if its place
+/// was given.
+///
+/// # Errors
+/// As a press.
+pub(super) fn start_at_best_ball(
+    body: &PressedBody,
+    progress: ProgressFn,
+) -> Result<Option<Start>> {
+    let is_place = |kind: &Kind| matches!(kind, Kind::LumpPosition(_) | Kind::LumpDiameter);
+    let unknowns = body.unknowns();
+    if !unknowns
+        .iter()
+        .any(|unknown| is_place(&unknown.kind) && !unknown.is_given)
+    {
+        return Ok(None);
+    }
+    let mut values: Vec<f64> = unknowns.iter().map(|unknown| unknown.first).collect();
+    for (value, unknown) in values.iter_mut().zip(unknowns) {
+        if unknown.kind == Kind::LumpContrast {
+            *value = 1.0;
+        }
+    }
+    let (prediction, by_element) = body.predict_by_elements(&values, progress)?;
+    let sigma = body.standard_deviations();
+    let rows = sigma.len();
+    let residuals = DVector::from_fn(rows, |i, _| {
+        (prediction.numbers[i] - body.observations()[i].value) / sigma[i]
+    });
+    // What the moduli explain is left out.
+    let tissues: Vec<usize> = (0..unknowns.len())
+        .filter(|k| matches!(unknowns[*k].kind, Kind::Young(_) | Kind::Poisson(_)))
+        .collect();
+    let columns = DMatrix::from_fn(rows, tissues.len(), |i, k| {
+        prediction.slopes[i][tissues[k]] / sigma[i]
+    });
+    let columns = columns.qr().q();
+    let without = |x: DVector<f64>| {
+        let explained = &columns * (columns.transpose() * &x);
+        x - explained
+    };
+    let residuals = without(residuals);
+    let (low, high) = body.bounds();
+    let extent = (high - low).max_element();
+    let elements = body.lump_elements();
+    let mut best: Option<(f64, Lump)> = None;
+    for diameter in DIAMETERS.map(|share| share * extent) {
+        for middle in elements.spread_middles(MIDDLES) {
+            let mut ball = Lump {
+                middle,
+                diameter,
+                contrast: 1.0,
+            };
+            let shares = elements.shares(&ball);
+            let column = DVector::from_fn(rows, |i, _| {
+                let terms = shares.iter().map(|(e, share)| share * by_element[i][*e]);
+                terms.sum::<f64>() / sigma[i]
+            });
+            let column = without(column);
+            let length = column.norm_squared();
+            if length <= 0.0 {
+                continue;
+            }
+            let along = -column.dot(&residuals);
+            let explained = along * along / length;
+            if best.as_ref().is_none_or(|(most, _)| explained > *most) {
+                ball.contrast = (1.0 + along / length).clamp(CONTRASTS[0], CONTRASTS[1]);
+                best = Some((explained, ball));
+            }
+        }
+    }
+    let Some((_, ball)) = best else {
+        return Ok(None);
+    };
+    for (value, unknown) in values.iter_mut().zip(unknowns) {
+        if unknown.is_given {
+            *value = unknown.first;
+            continue;
+        }
+        match unknown.kind {
+            Kind::LumpPosition(k) => *value = ball.middle[k],
+            Kind::LumpDiameter => *value = ball.diameter,
+            Kind::LumpContrast => *value = ball.contrast,
+            Kind::Young(_) | Kind::Poisson(_) => {}
+        }
+    }
+    Ok(Some(Start::at(&values, unknowns)))
+}

@@ -1,0 +1,395 @@
+//! The result of an identification, in numbers and sentences.
+
+use super::IdentifyOptions;
+use super::best_press::best_press;
+use super::forward::PressedBody;
+use super::least_squares::Solution;
+use super::uncertainty::{PROBABILITY, Uncertainty};
+use super::unknown::{Kind, ScaledUnknown};
+use crate::mesh::TetMesh;
+use crate::number_format::significant;
+use crate::press::{Press, PressOptions};
+use crate::scene::{Scene, ScenePatch};
+use crate::{Error, ProgressFn, Result, io};
+use serde::Serialize;
+use std::path::Path;
+
+/// Weights below this part of the largest are left out of a combination.
+const SMALL_WEIGHT: f64 = 0.1;
+
+/// An unknown with its interval.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct IdentifiedValue {
+    /// Name of the unknown.
+    pub name: String,
+    /// The value that explains the data best.
+    pub value: f64,
+    /// Ends of the interval that holds it with a probability of 90 %.
+    pub low: f64,
+    /// The upper end.
+    pub high: f64,
+    /// `Pa`, `file units`, or empty.
+    pub unit: &'static str,
+    /// Whether the value is at a bound.
+    pub at_bound: bool,
+}
+
+/// A measured number and the predicted one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Residual {
+    /// File of the experiment.
+    pub experiment: String,
+    /// Whether the numbers are stiffnesses (N/m) instead of forces (N).
+    pub is_map: bool,
+    /// Place, in file units.
+    pub at: [f64; 3],
+    /// Depth, m.
+    pub depth_m: f64,
+    /// Measured number.
+    pub measured: f64,
+    /// Predicted number.
+    pub predicted: f64,
+    /// Their difference over the standard deviation of the noise.
+    pub residual: f64,
+}
+
+/// The press that would tell most.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PressAdvice {
+    /// Place, in file units, as for `--at`.
+    pub at: [f64; 3],
+    /// Direction of the press.
+    pub direction: [f64; 3],
+    /// Depth, m.
+    pub depth_m: f64,
+    /// Expected gain of information, bits.
+    pub bits: f64,
+    /// The unknown with the widest interval.
+    pub unknown: String,
+    /// What is left of its width.
+    pub narrower: f64,
+}
+
+/// The result of [`identify`](super::identify()).
+#[derive(Clone, Debug, Serialize)]
+pub struct Identified {
+    /// The unknowns.
+    pub unknowns: Vec<IdentifiedValue>,
+    /// Root mean square of the residuals over the stated noise; over 1 % of the measured numbers if none is
+    /// stated.
+    pub misfit: f64,
+    /// Standard deviation of the noise over the measured numbers, as stated or estimated.
+    pub noise: f64,
+    /// Whether the residuals are larger than the stated noise explains; intervals are widened then.
+    pub is_misfit: bool,
+    /// Whether the search ended by its own rule.
+    pub converged: bool,
+    /// Relative discretisation error of each experiment, which the intervals include; `null` if unknown.
+    pub discretisation_errors: Vec<Option<f64>>,
+    /// Correlations of the unknowns.
+    pub correlations: Vec<Vec<f64>>,
+    /// Other values that explain the data nearly as well, from other starts.
+    pub other_optima: Vec<Vec<f64>>,
+    /// The press that would tell most; `null` if none would, or if it was not asked for.
+    pub next_press: Option<PressAdvice>,
+    /// The results in sentences.
+    pub sentences: Vec<String>,
+    /// Computing time, s.
+    pub seconds: f64,
+    /// Measured and predicted numbers.
+    #[serde(skip)]
+    pub residuals: Vec<Residual>,
+    /// The scene with the values, on the mesh of the identification.
+    #[serde(skip)]
+    pub scene: Scene,
+    /// That mesh; with the field of a lump.
+    #[serde(skip)]
+    pub mesh: TetMesh,
+    #[serde(skip)]
+    has_lump: bool,
+}
+
+/// Describes the optimum `best`; `others` explain the data nearly as well.
+///
+/// # Errors
+/// As a press.
+pub(super) fn identified(
+    body: &PressedBody,
+    (best, others): (Solution, Vec<Solution>),
+    options: &IdentifyOptions,
+    progress: ProgressFn,
+) -> Result<Identified> {
+    if let Some(k) = (0..body.unknowns().len()).find(|k| best.jacobian.column(*k).amax() == 0.0) {
+        return Err(Error::Input(format!(
+            "the data do not depend on {}: no measured force changes with it; remove it (--unknown)",
+            body.unknowns()[k].name
+        )));
+    }
+    let (scene, mesh) = body.with_values(&best.values);
+    let errors = discretisation_errors(body, (&scene, &mesh), progress)?;
+    let relative: Vec<f64> = errors.iter().map(|error| error.unwrap_or(0.0)).collect();
+    let uncertainty = Uncertainty::new(body, &best, options.noise, &relative);
+    let next_press = match options.advise {
+        true => best_press(body, (&best, &uncertainty), progress)?,
+        false => None,
+    };
+    let all = body.unknowns().iter().enumerate();
+    let unknowns: Vec<IdentifiedValue> = all
+        .map(|(k, unknown)| {
+            let [low, high] = uncertainty.interval(k, unknown, best.theta[k]);
+            IdentifiedValue {
+                name: unknown.name.clone(),
+                value: best.values[k],
+                low,
+                high,
+                unit: unit_of(&unknown.kind),
+                at_bound: best.at_bound[k],
+            }
+        })
+        .collect();
+    let rows = best.residuals.len() as f64;
+    let noise = body.standard_deviations().iter().zip(body.observations());
+    let noise = noise
+        .map(|(sigma, observed)| sigma / observed.scale)
+        .fold(0.0, f64::max);
+    let mut found = Identified {
+        misfit: (best.sum_of_squares() / rows).sqrt(),
+        noise: match options.noise {
+            Some(noise) => noise,
+            None => noise * uncertainty.noise_factor,
+        },
+        is_misfit: uncertainty.is_misfit,
+        converged: best.converged,
+        discretisation_errors: errors,
+        correlations: uncertainty.correlations(),
+        other_optima: others.into_iter().map(|other| other.values).collect(),
+        next_press,
+        sentences: Vec::new(),
+        seconds: 0.0,
+        residuals: residuals(body, &best),
+        scene,
+        mesh,
+        has_lump: unknowns
+            .iter()
+            .any(|unknown| unknown.name.starts_with("lump.")),
+        unknowns,
+    };
+    found.sentences = sentences(&found, body.unknowns(), &uncertainty);
+    Ok(found)
+}
+
+fn unit_of(kind: &Kind) -> &'static str {
+    match kind {
+        Kind::Young(_) => "Pa",
+        Kind::LumpPosition(_) | Kind::LumpDiameter => "file units",
+        Kind::Poisson(_) | Kind::LumpContrast => "",
+    }
+}
+
+/// Returns the relative error of the force of each experiment at its first place (of a map: the stiffest
+/// one) by the mesh, contact and supports.
+fn discretisation_errors(
+    body: &PressedBody,
+    (scene, mesh): (&Scene, &TetMesh),
+    progress: ProgressFn,
+) -> Result<Vec<Option<f64>>> {
+    let mut errors = Vec::new();
+    for experiment in &body.experiments {
+        let strength = |k: &usize| {
+            experiment.places[*k]
+                .observed
+                .last()
+                .map_or(0.0, |o| o.value)
+        };
+        let hardest =
+            (0..experiment.places.len()).max_by(|a, b| strength(a).total_cmp(&strength(b)));
+        let Some(place) = hardest.map(|k| &experiment.places[k]) else {
+            errors.push(None);
+            continue;
+        };
+        let metres = body.unit();
+        let wanted = PressOptions {
+            at: Some(place.at),
+            radius: Some(experiment.radius),
+            depth: place.depths.last().map(|depth| depth / metres),
+            ..PressOptions::default()
+        };
+        let pressed =
+            Press::with_mesh(body.gpu, (scene, mesh.clone()), &wanted).and_then(|mut press| {
+                while !press.at_max_depth() {
+                    progress_of(progress)?;
+                    if press.advance()?.is_none() {
+                        break;
+                    }
+                }
+                press.estimate_error(progress)?;
+                Ok(press.report(0.0))
+            });
+        errors.push(match pressed {
+            Ok(report) if experiment.is_map => {
+                let both = report.stiffness_error_n_per_m.zip(report.stiffness_n_per_m);
+                both.map(|(error, stiffness)| error / stiffness)
+            }
+            Ok(report) => report
+                .max_force_error_n
+                .map(|error| error / report.max_force_n),
+            Err(Error::Cancelled) => return Err(Error::Cancelled),
+            Err(Error::Input(_) | Error::Solver { .. }) => None,
+            Err(other) => return Err(other),
+        });
+    }
+    Ok(errors)
+}
+
+fn progress_of(progress: ProgressFn) -> Result<()> {
+    crate::progress::ProgressScope::begin(progress, "estimating the error", 0.9).map(drop)
+}
+
+fn residuals(body: &PressedBody, best: &Solution) -> Vec<Residual> {
+    let mut rows = Vec::new();
+    for experiment in &body.experiments {
+        for place in &experiment.places {
+            for observed in &place.observed {
+                let k = rows.len();
+                rows.push(Residual {
+                    experiment: experiment.name.clone(),
+                    is_map: experiment.is_map,
+                    at: place.at.to_array(),
+                    depth_m: observed.depth,
+                    measured: observed.value,
+                    predicted: best.predicted[k],
+                    residual: best.residuals[k],
+                });
+            }
+        }
+    }
+    rows
+}
+
+/// Returns the results in sentences.
+fn sentences(
+    found: &Identified,
+    scaled: &[ScaledUnknown],
+    uncertainty: &Uncertainty,
+) -> Vec<String> {
+    let percent = 100.0 * PROBABILITY;
+    let mut all: Vec<String> = Vec::new();
+    for value in &found.unknowns {
+        let unit = match value.unit {
+            "" => String::new(),
+            unit => format!(" {unit}"),
+        };
+        all.push(format!(
+            "{} = {}{unit}, {percent} % interval {} to {}{unit}{}",
+            value.name,
+            significant(value.value),
+            significant(value.low),
+            significant(value.high),
+            match value.at_bound {
+                true => "; it is at its bound, so the data ask for a value beyond it (--bounds)",
+                false => "",
+            }
+        ));
+    }
+    for weights in &uncertainty.undetermined {
+        all.push(format!(
+            "the data do not determine {}; more places, depths or another tool might",
+            combination(scaled, weights)
+        ));
+    }
+    if found.is_misfit {
+        all.push(format!(
+            "the scene does not explain the data: the residuals are {} times the stated noise; intervals are widened by as much. Another law, another shape or other supports may explain them",
+            significant(uncertainty.noise_factor)
+        ));
+    }
+    if !found.converged {
+        all.push(
+            "the search ended after its largest number of steps; the values may still change"
+                .into(),
+        );
+    }
+    for (k, error) in found.discretisation_errors.iter().enumerate() {
+        all.push(match error {
+            Some(error) => format!(
+                "experiment {} has a discretisation error of {:.1} %, which the intervals include",
+                k + 1,
+                100.0 * error
+            ),
+            None => format!(
+                "the discretisation error of experiment {} is unknown; the intervals leave it out",
+                k + 1
+            ),
+        });
+    }
+    for other in &found.other_optima {
+        let values: Vec<String> = other.iter().map(|x| significant(*x)).collect();
+        all.push(format!(
+            "another start led to values that explain the data nearly as well: {}",
+            values.join(", ")
+        ));
+    }
+    all.extend(found.next_press.as_ref().map(|advice| {
+        format!(
+            "a further press at {} would tell most: {:.1} bits; the interval of {} would be {:.0} % as wide",
+            advice.at.map(significant).join(","),
+            advice.bits,
+            advice.unknown,
+            100.0 * advice.narrower
+        )
+    }));
+    all
+}
+
+/// Formats a combination: a product of powers for unknowns with logarithmic scales, a sum otherwise.
+fn combination(scaled: &[ScaledUnknown], weights: &[f64]) -> String {
+    let large: Vec<(&ScaledUnknown, f64)> = scaled
+        .iter()
+        .zip(weights)
+        .filter(|(_, weight)| weight.abs() >= SMALL_WEIGHT)
+        .map(|(unknown, weight)| (unknown, *weight))
+        .collect();
+    let are_powers = large.iter().all(|(unknown, _)| unknown.is_logarithmic());
+    let term = |(unknown, weight): &(&ScaledUnknown, f64)| match (*weight == 1.0, are_powers) {
+        (true, _) => unknown.name.clone(),
+        (false, true) => format!("{}^{weight:.2}", unknown.name),
+        (false, false) => format!("{weight:.2} {}", unknown.name),
+    };
+    let terms: Vec<String> = large.iter().map(term).collect();
+    match (terms.len(), are_powers) {
+        (1, _) => terms.concat(),
+        (_, true) => format!("the product {}", terms.join(" × ")),
+        (_, false) => format!("the combination of {}", terms.join(" and ")),
+    }
+}
+
+impl Identified {
+    /// Returns the mesh with the field of stiffness factors of a lump, if that is among the unknowns.
+    pub fn lump_mesh(&self) -> Option<&TetMesh> {
+        self.has_lump.then_some(&self.mesh)
+    }
+
+    /// Writes the scene file `from` with the values as `to`. A lump is written as a field of the mesh, beside
+    /// the scene with the extension `.vtu`.
+    ///
+    /// # Errors
+    /// As reading and writing a scene.
+    pub fn write(&self, from: &Path, to: &Path) -> Result<()> {
+        let mut patch = ScenePatch::read(from, to)?;
+        if self.has_lump {
+            let file = to.with_extension("vtu");
+            io::write(&file, &self.mesh)?;
+            patch.use_mesh_beside(&file, &self.scene)?;
+            if let Some(field) = &self.scene.material.stiffness_field {
+                patch.set(&["material", "stiffness_field"], field.as_str())?;
+            }
+        }
+        for value in &self.unknowns {
+            let path: Vec<&str> = value.name.split('.').collect();
+            if path[0] == "material" {
+                patch.set(&path, value.value)?;
+            }
+        }
+        patch.write(to, &self.sentences)
+    }
+}

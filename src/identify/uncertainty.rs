@@ -1,0 +1,146 @@
+//! Laplace's approximation: intervals, correlations and combinations that the data do not determine.
+
+use super::forward::PressedBody;
+use super::least_squares::Solution;
+use super::unknown::ScaledUnknown;
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
+
+/// Probability of an interval.
+pub(super) const PROBABILITY: f64 = 0.9;
+/// Misfits less likely than this are not explained by the stated noise.
+const UNLIKELY: f64 = 0.01;
+/// Standard deviations of θ beyond which a combination of unknowns is not determined: a factor of 2, or
+/// 0.7 large changes.
+const UNDETERMINED: f64 = std::f64::consts::LN_2;
+/// Variances of θ are at most that of a uniform factor of e¹⁰.
+const MAX_VARIANCE: f64 = 100.0;
+
+/// What the data say about the unknowns at the optimum.
+#[derive(Clone, Debug)]
+pub(super) struct Uncertainty {
+    /// Covariance of θ.
+    pub covariance: DMatrix<f64>,
+    /// Multiple of standard deviations that an interval takes to each side.
+    pub quantile: f64,
+    /// Standard deviations of the data over those for which residuals were calculated.
+    pub noise_factor: f64,
+    /// Whether the residuals are larger than the stated noise explains.
+    pub is_misfit: bool,
+    /// Largest change of each θ by the discretisation error.
+    pub shift: DVector<f64>,
+    /// Combinations that the data do not determine: weights by unknown, the largest 1.
+    pub undetermined: Vec<Vec<f64>>,
+}
+
+impl Uncertainty {
+    /// Calculates the uncertainty of an optimum, whose numbers have the discretisation errors
+    /// `relative` (of each experiment).
+    pub fn new(
+        body: &PressedBody,
+        best: &Solution,
+        noise: Option<f64>,
+        relative: &[f64],
+    ) -> Uncertainty {
+        let (rows, columns) = best.jacobian.shape();
+        let freedom = rows.saturating_sub(columns) as f64;
+        let squares = best.sum_of_squares();
+        let reduced = if freedom > 0.0 {
+            (squares / freedom).sqrt()
+        } else {
+            1.0
+        };
+        let quantile_of = 0.5 + 0.5 * PROBABILITY;
+        let normal = Normal::standard().inverse_cdf(quantile_of);
+        let (noise_factor, quantile, is_misfit) = match noise {
+            None => {
+                let student = StudentsT::new(0.0, 1.0, freedom.max(1.0));
+                let quantile = student.map_or(normal, |t| t.inverse_cdf(quantile_of));
+                (reduced, quantile, false)
+            }
+            Some(_) => {
+                let chance = ChiSquared::new(freedom.max(1.0)).map_or(1.0, |c| c.sf(squares));
+                let is_misfit = freedom > 0.0 && chance < UNLIKELY;
+                (if is_misfit { reduced } else { 1.0 }, normal, is_misfit)
+            }
+        };
+        let information = best.jacobian.transpose() * &best.jacobian;
+        let scale = noise_factor.max(f64::MIN_POSITIVE).powi(2);
+        let own = SymmetricEigen::new(information.clone());
+        let variance = own
+            .eigenvalues
+            .map(|x| (scale / x.max(0.0)).min(MAX_VARIANCE));
+        let covariance =
+            &own.eigenvectors * DMatrix::from_diagonal(&variance) * own.eigenvectors.transpose();
+        let undetermined = (0..columns)
+            .filter(|k| variance[*k].sqrt() > UNDETERMINED)
+            .map(|k| {
+                let direction = own.eigenvectors.column(k);
+                let largest = direction[direction.iamax()];
+                direction.iter().map(|x| x / largest).collect()
+            })
+            .collect();
+        Uncertainty {
+            shift: shift(body, best, (&own, relative)),
+            covariance,
+            quantile,
+            noise_factor,
+            is_misfit,
+            undetermined,
+        }
+    }
+
+    /// Returns the interval of unknown `k`.
+    pub fn interval(&self, k: usize, unknown: &ScaledUnknown, theta: f64) -> [f64; 2] {
+        let half = self.quantile * self.covariance[(k, k)].max(0.0).sqrt() + self.shift[k];
+        [unknown.value(theta - half), unknown.value(theta + half)]
+    }
+
+    /// Returns the correlations of the unknowns.
+    pub fn correlations(&self) -> Vec<Vec<f64>> {
+        let count = self.covariance.nrows();
+        let of = |i: usize, k: usize| {
+            let both = self.covariance[(i, i)] * self.covariance[(k, k)];
+            if both > 0.0 {
+                self.covariance[(i, k)] / both.sqrt()
+            } else {
+                0.0
+            }
+        };
+        (0..count)
+            .map(|i| (0..count).map(|k| of(i, k)).collect())
+            .collect()
+    }
+}
+
+/// Returns by how much each θ changes if all numbers of an experiment are off by its relative error: the
+/// sum over the experiments.
+fn shift(
+    body: &PressedBody,
+    best: &Solution,
+    (own, relative): (&SymmetricEigen<f64, nalgebra::Dyn>, &[f64]),
+) -> DVector<f64> {
+    let sigma = body.standard_deviations();
+    let largest = own.eigenvalues.amax();
+    let inverse = own
+        .eigenvalues
+        .map(|x| if x > 1e-12 * largest { 1.0 / x } else { 0.0 });
+    let inverse =
+        &own.eigenvectors * DMatrix::from_diagonal(&inverse) * own.eigenvectors.transpose();
+    let mut total = DVector::zeros(best.theta.len());
+    let mut row = 0;
+    for (experiment, error) in body.experiments.iter().zip(relative) {
+        let count: usize = experiment
+            .places
+            .iter()
+            .map(|place| place.observed.len())
+            .sum();
+        let mut off = DVector::zeros(sigma.len());
+        for i in row..row + count {
+            off[i] = error * best.predicted[i] / sigma[i];
+        }
+        row += count;
+        total += (&inverse * best.jacobian.transpose() * off).abs();
+    }
+    total
+}

@@ -1,0 +1,197 @@
+//! Unknowns: numbers of a scene, their bounds, and the scale on which they are adjusted.
+
+use crate::scene::Scene;
+use crate::{Error, Result};
+
+/// Bounds of Young's modulus, Pa; of Poisson's ratio; and of the stiffness ratio of a lump.
+const YOUNG_BOUNDS: [f64; 2] = [1.0, 1e11];
+const POISSON_BOUNDS: [f64; 2] = [0.0, 0.495];
+const CONTRAST_BOUNDS: [f64; 2] = [0.02, 100.0];
+/// Bounds of the diameter of a lump relative to the largest extent of the body.
+const DIAMETER_BOUNDS: [f64; 2] = [0.01, 0.8];
+/// Changes that count as large: of Poisson's ratio, and of a position relative to the largest extent.
+const POISSON_SCALE: f64 = 0.1;
+const POSITION_SCALE: f64 = 0.1;
+/// Values of a lump at the start: ratio of stiffnesses, and diameter relative to the largest extent.
+const FIRST_CONTRAST: f64 = 2.0;
+const FIRST_DIAMETER: f64 = 0.12;
+
+/// What an unknown is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Young's modulus of a tissue, or of what is no tissue.
+    Young(Option<String>),
+    /// Poisson's ratio of it.
+    Poisson(Option<String>),
+    /// A coordinate of the middle of a stiff or soft ball, in file units.
+    LumpPosition(usize),
+    /// Its diameter, in file units.
+    LumpDiameter,
+    /// The ratio of its stiffness to that of the tissue around it.
+    LumpContrast,
+}
+
+/// A number of a scene that is identified.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unknown {
+    /// Its name, such as `material.fat.young`.
+    pub name: String,
+    pub(super) kind: Kind,
+    /// Bounds; `None` for those of its kind.
+    pub bounds: Option<[f64; 2]>,
+    /// Value at the start; `None` for that of the scene.
+    pub first: Option<f64>,
+}
+
+impl Unknown {
+    /// Parses the name of an unknown: `material.young`, `material.TISSUE.young`, `material.poisson`,
+    /// `material.TISSUE.poisson`, or `lump`, a ball with another stiffness, for the five unknowns `lump.x`,
+    /// `lump.y`, `lump.z`, `lump.diameter` and `lump.contrast`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another name.
+    pub fn parse(name: &str) -> Result<Vec<Unknown>> {
+        let one = |kind: Kind| {
+            vec![Unknown {
+                name: name.to_owned(),
+                kind,
+                bounds: None,
+                first: None,
+            }]
+        };
+        let words: Vec<&str> = name.split('.').collect();
+        Ok(match words[..] {
+            ["material", "young"] => one(Kind::Young(None)),
+            ["material", "poisson"] => one(Kind::Poisson(None)),
+            ["material", tissue, "young"] => one(Kind::Young(Some(tissue.to_owned()))),
+            ["material", tissue, "poisson"] => one(Kind::Poisson(Some(tissue.to_owned()))),
+            ["lump"] => {
+                let parts = ["x", "y", "z", "diameter", "contrast"];
+                let all = parts.map(|part| Unknown::parse(&format!("lump.{part}")));
+                all.into_iter().collect::<Result<Vec<_>>>()?.concat()
+            }
+            ["lump", "x"] => one(Kind::LumpPosition(0)),
+            ["lump", "y"] => one(Kind::LumpPosition(1)),
+            ["lump", "z"] => one(Kind::LumpPosition(2)),
+            ["lump", "diameter"] => one(Kind::LumpDiameter),
+            ["lump", "contrast"] => one(Kind::LumpContrast),
+            _ => {
+                return Err(Error::Input(format!(
+                    "unknown \"{name}\" cannot be identified; expected material.young, material.TISSUE.young, material.poisson, material.TISSUE.poisson, or lump"
+                )));
+            }
+        })
+    }
+}
+
+/// An unknown with its bounds and first value in a body, and its scale: θ = ln v, or v over a large
+/// change.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ScaledUnknown {
+    pub name: String,
+    pub kind: Kind,
+    pub bounds: [f64; 2],
+    pub first: f64,
+    /// Whether the first value was given.
+    pub is_given: bool,
+    /// `None` for a logarithm.
+    scale: Option<f64>,
+}
+
+impl ScaledUnknown {
+    /// Completes an unknown of a scene, whose body has the bounds `low` and `high`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a tissue that the scene lacks, or bounds without the first value.
+    pub fn new(
+        unknown: &Unknown,
+        scene: &Scene,
+        (low, high): ([f64; 3], [f64; 3]),
+    ) -> Result<ScaledUnknown> {
+        let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+        let (bounds, first, scale) = match &unknown.kind {
+            Kind::Young(tissue) => (
+                YOUNG_BOUNDS,
+                scene.material.young_of(tissue.as_deref())?,
+                None,
+            ),
+            Kind::Poisson(tissue) => (
+                POISSON_BOUNDS,
+                scene.material.poisson_of_tissue(tissue.as_deref())?,
+                Some(POISSON_SCALE),
+            ),
+            Kind::LumpPosition(k) => (
+                [low[*k], high[*k]],
+                0.5 * (low[*k] + high[*k]),
+                Some(POSITION_SCALE * extent),
+            ),
+            Kind::LumpDiameter => (
+                DIAMETER_BOUNDS.map(|x| x * extent),
+                FIRST_DIAMETER * extent,
+                None,
+            ),
+            Kind::LumpContrast => (CONTRAST_BOUNDS, FIRST_CONTRAST, None),
+        };
+        let [least, most] = unknown.bounds.unwrap_or(bounds);
+        let first = unknown.first.unwrap_or(first.clamp(least, most));
+        let positive = scale.is_some() || least > 0.0;
+        if !(least < most && positive && (least..=most).contains(&first) && most.is_finite()) {
+            return Err(Error::Input(format!(
+                "{} must start within its bounds, which must be increasing{}; got {first} in {least}..{most}",
+                unknown.name,
+                if scale.is_some() { "" } else { " and positive" }
+            )));
+        }
+        Ok(ScaledUnknown {
+            name: unknown.name.clone(),
+            kind: unknown.kind.clone(),
+            bounds: [least, most],
+            first,
+            is_given: unknown.first.is_some(),
+            scale,
+        })
+    }
+
+    /// Returns θ of a value.
+    pub fn theta(&self, value: f64) -> f64 {
+        self.scale.map_or_else(|| value.ln(), |scale| value / scale)
+    }
+
+    /// Returns the value of θ, within the bounds.
+    pub fn value(&self, theta: f64) -> f64 {
+        let value = self
+            .scale
+            .map_or_else(|| theta.exp(), |scale| theta * scale);
+        value.clamp(self.bounds[0], self.bounds[1])
+    }
+
+    /// Returns the derivative of the value by θ.
+    pub fn slope(&self, value: f64) -> f64 {
+        self.scale.unwrap_or(value)
+    }
+
+    /// Whether intervals are factors.
+    pub fn is_logarithmic(&self) -> bool {
+        self.scale.is_none()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_parsed() {
+        let names = |name: &str| -> Vec<String> {
+            let all = Unknown::parse(name).unwrap();
+            all.into_iter().map(|unknown| unknown.name).collect()
+        };
+        assert_eq!(names("material.fat.young"), ["material.fat.young"]);
+        assert_eq!(names("lump").len(), 5);
+        for wrong in ["", "young", "material.fat.density", "lump.depth"] {
+            let why = Unknown::parse(wrong).unwrap_err().to_string();
+            assert!(why.contains("expected material.young"), "{why}");
+        }
+    }
+}
