@@ -7,7 +7,7 @@ use palpate::identify::{
     Experiment, Identified, IdentifyOptions, IdentifyStep, Residual, Unknown, identify,
 };
 use palpate::io::atomic_write;
-use palpate::number_format::{rounded, significant};
+use palpate::number_format::rounded;
 use palpate::scene::Scene;
 use palpate::{Error, Result};
 use std::io::Write;
@@ -229,7 +229,10 @@ fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
     }
     let values = found.unknowns.iter();
     let values: Vec<String> = values
-        .map(|value| format!("{} = {}", value.name, significant(value.value)))
+        .map(|value| {
+            let number = rounded(value.value, 4);
+            format!("{} = {number} {}", value.name, value.unit)
+        })
         .collect();
     let [x, y] = match is_map {
         true => ["measured stiffness, N/m", "predicted stiffness, N/m"],

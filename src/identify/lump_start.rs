@@ -12,8 +12,8 @@ use nalgebra::{DMatrix, DVector};
 const DIAMETERS: [f64; 3] = [0.08, 0.13, 0.2];
 /// Largest number of middles.
 const MIDDLES: usize = 2000;
-/// Bounds of the contrast at the start.
-const CONTRASTS: [f64; 2] = [0.4, 3.0];
+/// Bounds of the relative change of stiffness at the start.
+const CHANGES: [f64; 2] = [-0.5, 2.0];
 
 /// Returns a start with the lump at the best ball; `None` if no lump is among the unknowns, or if its place
 /// was given.
@@ -78,10 +78,12 @@ pub(super) fn start_at_best_ball(
             if length <= 0.0 {
                 continue;
             }
+            // A linear model holds for moderate contrasts only.
             let along = -column.dot(&residuals);
-            let explained = along * along / length;
+            let change = (along / length).clamp(CHANGES[0], CHANGES[1]);
+            let explained = change * (2.0 * along - change * length);
             if best.as_ref().is_none_or(|(most, _)| explained > *most) {
-                ball.contrast = (1.0 + along / length).clamp(CONTRASTS[0], CONTRASTS[1]);
+                ball.contrast = 1.0 + change;
                 best = Some((explained, ball));
             }
         }

@@ -7,7 +7,7 @@ use super::least_squares::Solution;
 use super::uncertainty::{PROBABILITY, Uncertainty};
 use super::unknown::{Kind, ScaledUnknown};
 use crate::mesh::TetMesh;
-use crate::number_format::significant;
+use crate::number_format::{rounded, significant};
 use crate::press::{Press, PressOptions};
 use crate::scene::{Scene, ScenePatch};
 use crate::{Error, ProgressFn, Result, io};
@@ -282,9 +282,9 @@ fn sentences(
         all.push(format!(
             "{} = {}{unit}, {percent} % interval {} to {}{unit}{}",
             value.name,
-            significant(value.value),
-            significant(value.low),
-            significant(value.high),
+            rounded(value.value, 4),
+            rounded(value.low, 3),
+            rounded(value.high, 3),
             match value.at_bound {
                 true => "; it is at its bound, so the data ask for a value beyond it (--bounds)",
                 false => "",
@@ -332,7 +332,7 @@ fn sentences(
     all.extend(found.next_press.as_ref().map(|advice| {
         format!(
             "a further press at {} would tell most: {:.1} bits; the interval of {} would be {:.0} % as wide",
-            advice.at.map(significant).join(","),
+            advice.at.map(|x| rounded(x, 4)).join(","),
             advice.bits,
             advice.unknown,
             100.0 * advice.narrower

@@ -11,6 +11,7 @@ mod docs;
 mod errors;
 mod film;
 mod frames;
+mod identify;
 mod mesh;
 mod pick;
 mod pieces;

@@ -1,0 +1,47 @@
+"""Material parameters from measured presses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import palpate
+
+
+def block(young: float) -> palpate.Scene:
+    material = {"young": young, "poisson": 0.3, "order": 1}
+    return palpate.Scene({"mesh": {"generate": "box", "tets": 600}, "material": material})
+
+
+def test_identify_finds_modulus_of_press_and_arrays() -> None:
+    press = palpate.press(block(2e4), radius=0.03, depth=0.008, size=(48, 32), errors=False)
+    told: list[str] = []
+    found = palpate.identify(
+        block(6e3), press, "material.young", noise=0.01, progress=lambda what, _: told.append(what)
+    )
+    assert found.values["material.young"] == pytest.approx(2e4, rel=0.01)
+    low, high = found.intervals["material.young"]
+    assert low < 2e4 < high
+    assert told and any("material.young" in sentence for sentence in found.sentences)
+    assert len(found.residuals) == 8 and not found.report["is_misfit"]
+    assert found.scene.entries["material"]["young"] == found.values["material.young"]
+
+    loading = press.loading & (press.depth > 0)
+    depth, force = press.depth[loading], press.force[loading]
+    direction = press.report["direction"]
+    curve = palpate.PressCurve(press.point, direction, 0.03, depth, force)
+    again = palpate.identify(block(6e3), [curve], "material.young", noise=0.01, advice=False)
+    assert again.values["material.young"] == pytest.approx(found.values["material.young"], rel=1e-6)
+    assert again.report["next_press"] is None
+
+
+def test_identify_rejects_unsuited_data() -> None:
+    point, down = (0.05, 0.05, 0.1), (0, 0, -1)
+    stiffness = palpate.StiffnessMap([point], [np.nan], down, 0.03, 0.008)
+    with pytest.raises(palpate.Error, match="no stiffness"):
+        palpate.identify(block(6e3), stiffness, "material.young")
+    curve = palpate.PressCurve(point, down, 0.03, [0.001, 0.002], [0.1, 0.3])
+    with pytest.raises(palpate.InputError, match="expected material.young"):
+        palpate.identify(block(6e3), curve, "young")
+    with pytest.raises(palpate.InputError, match="is no unknown"):
+        palpate.identify(block(6e3), curve, "material.young", bounds={"lump.x": (0, 1)})

@@ -1,0 +1,75 @@
+//! `palpate identify`: from the files of a press to a scene with the modulus.
+
+use super::{failure, folder, palpate, stdout, text};
+use serde_json::Value;
+
+const BLOCK: &str = "[mesh]\ngenerate = \"box\"\ntets = 600\n[material]\nyoung = YOUNG\npoisson = 0.3\norder = 1\n\
+    [picture]\nsize = [48, 32]\n";
+
+#[test]
+fn press_of_twin_gives_its_modulus() {
+    let here = folder("identify");
+    let scene = |name: &str, young: &str| {
+        let file = here.join(name);
+        std::fs::write(&file, BLOCK.replace("YOUNG", young)).unwrap();
+        file
+    };
+    let [truth, guess] = [scene("truth.toml", "2e4"), scene("guess.toml", "6e3")];
+    let (pressed, out) = (here.join("pressed"), here.join("out"));
+    let how = ["--radius", "0.03", "--depth", "0.008", "--no-error"];
+    let given = ["press", text(&truth), "--out", text(&pressed), "--quiet"];
+    stdout(&palpate(&[&given[..], &how].concat()));
+
+    let given = ["identify", text(&guess), "--data", text(&pressed)];
+    let wanted = ["--unknown", "material.young", "--noise", "1%", "--json"];
+    let output = palpate(&[&given[..], &wanted, &["--out", text(&out)]].concat());
+    let report: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let young = &report["unknowns"][0];
+    let [value, low, high] = ["value", "low", "high"].map(|key| young[key].as_f64().unwrap());
+    assert!((value / 2e4 - 1.0).abs() < 0.01, "{young}");
+    assert!(low < 2e4 && 2e4 < high && high < 1.5 * low, "{young}");
+    assert_eq!(report["is_misfit"], false);
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        notes.contains("material.young = ") && notes.contains("90 % interval"),
+        "{notes}"
+    );
+    // The scene that was written is the same body.
+    let found = std::fs::read_to_string(out.join("identified.toml")).unwrap();
+    let found: toml::Table = found.parse().unwrap();
+    assert_eq!(found["material"]["young"].as_float().unwrap(), value);
+    let rows = std::fs::read_to_string(out.join("residuals.csv")).unwrap();
+    assert_eq!(rows.lines().count(), 9, "{rows}");
+    for file in ["identified.json", "residuals.svg"] {
+        assert!(out.join(file).is_file(), "{file}");
+    }
+
+    // Forces that no modulus explains.
+    let csv = pressed.join("press.csv");
+    let curve = std::fs::read_to_string(&csv).unwrap();
+    let bent = curve.lines().enumerate().map(|(k, line)| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if let Ok(force) = cells[3].parse::<f64>() {
+            cells[3] = (force * if k % 2 == 0 { 1.3 } else { 0.8 }).to_string();
+        }
+        cells.join(",")
+    });
+    std::fs::write(&csv, bent.collect::<Vec<_>>().join("\n")).unwrap();
+    let output = palpate(&[&given[..], &wanted, &["--out", text(&out)]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(notes.contains("does not explain the data"), "{notes}");
+
+    // Files that are empty, or of something else.
+    std::fs::write(&csv, "depth_m,force_n\n").unwrap();
+    let why = failure(&palpate(&[&given[..], &wanted].concat()));
+    assert!(why.contains("no rows of numbers"), "{why}");
+    std::fs::write(&csv, "a,b\n1,2\n").unwrap();
+    let why = failure(&palpate(&[&given[..], &wanted].concat()));
+    assert!(why.contains("depth_m and force_n"), "{why}");
+    let empty = here.join("nothing");
+    std::fs::create_dir_all(&empty).unwrap();
+    let given = ["identify", text(&guess), "--data", text(&empty)];
+    let why = failure(&palpate(&[&given[..], &wanted].concat()));
+    assert!(why.contains("neither press.csv nor map.csv"), "{why}");
+}
