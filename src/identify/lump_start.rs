@@ -52,43 +52,14 @@ pub(super) fn start_at_best_ball(
         prediction.slopes[i][tissues[k]] / sigma[i]
     });
     let columns = columns.qr().q();
-    let without = |x: DVector<f64>| {
-        let explained = &columns * (columns.transpose() * &x);
-        x - explained
+    let residuals = without(&columns, residuals);
+    let search = Search {
+        body,
+        by_element: &by_element,
+        explained: &columns,
+        residuals,
     };
-    let residuals = without(residuals);
-    let (low, high) = body.bounds();
-    let extent = (high - low).max_element();
-    let elements = body.lump_elements();
-    let mut best: Option<(f64, Lump)> = None;
-    for diameter in DIAMETERS.map(|share| share * extent) {
-        for middle in elements.spread_middles(MIDDLES) {
-            let mut ball = Lump {
-                middle,
-                diameter,
-                contrast: 1.0,
-            };
-            let shares = elements.shares(&ball);
-            let column = DVector::from_fn(rows, |i, _| {
-                let terms = shares.iter().map(|(e, share)| share * by_element[i][*e]);
-                terms.sum::<f64>() / sigma[i]
-            });
-            let column = without(column);
-            let length = column.norm_squared();
-            if length <= 0.0 {
-                continue;
-            }
-            // A linear model holds for moderate contrasts only.
-            let along = -column.dot(&residuals);
-            let change = (along / length).clamp(CHANGES[0], CHANGES[1]);
-            let explained = change * (2.0 * along - change * length);
-            if best.as_ref().is_none_or(|(most, _)| explained > *most) {
-                ball.contrast = 1.0 + change;
-                best = Some((explained, ball));
-            }
-        }
-    }
-    let Some((_, ball)) = best else {
+    let Some(ball) = search.best_ball() else {
         return Ok(None);
     };
     for (value, unknown) in values.iter_mut().zip(unknowns) {
@@ -104,4 +75,60 @@ pub(super) fn start_at_best_ball(
         }
     }
     Ok(Some(Start::at(&values, unknowns)))
+}
+
+/// Returns a vector without its part in the space of orthonormal columns.
+fn without(columns: &DMatrix<f64>, x: DVector<f64>) -> DVector<f64> {
+    let explained = columns * (columns.transpose() * &x);
+    x - explained
+}
+
+/// What a ball has to explain.
+struct Search<'a, 'b> {
+    body: &'a PressedBody<'b>,
+    /// Of each number the derivatives by the logarithm of the stiffness of each element.
+    by_element: &'a [Vec<f64>],
+    /// An orthonormal basis of what the moduli explain.
+    explained: &'a DMatrix<f64>,
+    /// Residuals without that part.
+    residuals: DVector<f64>,
+}
+
+impl Search<'_, '_> {
+    fn best_ball(&self) -> Option<Lump> {
+        let (low, high) = self.body.bounds();
+        let extent = (high - low).max_element();
+        let elements = self.body.lump_elements();
+        let sigma = self.body.standard_deviations();
+        let mut best: Option<(f64, Lump)> = None;
+        for diameter in DIAMETERS.map(|share| share * extent) {
+            for middle in elements.spread_middles(MIDDLES) {
+                let mut ball = Lump {
+                    middle,
+                    diameter,
+                    contrast: 1.0,
+                };
+                let shares = elements.shares(&ball);
+                let column = DVector::from_fn(sigma.len(), |i, _| {
+                    let terms = shares.iter();
+                    let terms = terms.map(|(e, share)| share * self.by_element[i][*e]);
+                    terms.sum::<f64>() / sigma[i]
+                });
+                let column = without(self.explained, column);
+                let length = column.norm_squared();
+                if length <= 0.0 {
+                    continue;
+                }
+                // A linear model holds for moderate contrasts only.
+                let along = -column.dot(&self.residuals);
+                let change = (along / length).clamp(CHANGES[0], CHANGES[1]);
+                let explained = change * (2.0 * along - change * length);
+                if best.as_ref().is_none_or(|(most, _)| explained > *most) {
+                    ball.contrast = 1.0 + change;
+                    best = Some((explained, ball));
+                }
+            }
+        }
+        best.map(|(_, ball)| ball)
+    }
 }

@@ -27,7 +27,7 @@ fn press_of_twin_gives_its_modulus() {
     let young = &report["unknowns"][0];
     let [value, low, high] = ["value", "low", "high"].map(|key| young[key].as_f64().unwrap());
     assert!((value / 2e4 - 1.0).abs() < 0.01, "{young}");
-    assert!(low < 2e4 && 2e4 < high && high < 1.5 * low, "{young}");
+    assert!(low < 2e4 && 2e4 < high && high < 10.0 * low, "{young}");
     assert_eq!(report["is_misfit"], false);
     let notes = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
