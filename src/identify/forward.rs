@@ -293,16 +293,17 @@ impl<'a> PressedBody<'a> {
         let (sender, receiver) = mpsc::channel();
         let work = |sender: mpsc::Sender<(usize, Result<Vec<Gradient>>)>| {
             let mut made: Option<(f64, Presser, Chain)> = None;
-            while let Some((radius, place)) = places.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let number = places
-                    .iter()
-                    .position(|(_, other)| std::ptr::eq(*other, *place));
+            loop {
+                let k = next.fetch_add(1, Ordering::Relaxed);
+                let Some((radius, place)) = places.get(k) else {
+                    return;
+                };
                 let forces = self.press(
                     &mut made,
                     (&scene, &mesh, (values, by_elements)),
                     (*radius, place),
                 );
-                if sender.send((number.unwrap_or(0), forces)).is_err() {
+                if sender.send((k, forces)).is_err() {
                     return;
                 }
             }

@@ -1,9 +1,9 @@
 //! `palpate identify`: material parameters from measured presses, with intervals.
 //!
 //! Unknowns are adjusted until the forces that a scene predicts are those that were measured
-//! ([`least_squares`]), with the derivatives of each force by the adjoint method. Laplace's approximation
+//! (`least_squares.rs`), with the derivatives of each force by the adjoint method. Laplace's approximation
 //! around the optimum gives intervals, and says which combinations of unknowns the data do not determine
-//! ([`uncertainty`]).
+//! (`uncertainty.rs`).
 
 mod best_press;
 mod data;
@@ -45,7 +45,7 @@ pub struct IdentifyOptions {
 /// One step of an identification, for progress reports.
 #[derive(Clone, Debug)]
 pub struct IdentifyStep {
-    /// Number of the start and of the step, counted from 1 and 0.
+    /// Number of the start, counted from 1.
     pub start: u32,
     /// Number of the step, counted from 0.
     pub step: u32,

@@ -1,6 +1,7 @@
 //! Builds the material of a body from a scene's `[material]`.
 
 mod deserialize;
+#[cfg(feature = "identify")]
 mod tissue_values;
 
 use super::element_order::OrderChoice;

@@ -39,6 +39,7 @@ impl Motion {
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) for an unknown tool, or one with a path.
+    #[cfg(feature = "identify")]
     pub(crate) fn tool_id(&self, number: usize) -> Result<ToolId> {
         Ok(self.interactive_tool(number, DVec3::ZERO)?.0)
     }
