@@ -134,7 +134,9 @@ impl Experiment {
         }
         let strongest = samples.iter().map(|s| s[1].abs()).fold(0.0, f64::max);
         if strongest == 0.0 {
-            return Err(Error::Input(format!("{name}: all forces are 0")));
+            return Err(Error::Input(format!(
+                "{name}: all forces are 0; the fingertip has not touched the body, press deeper"
+            )));
         }
         let every = samples.len().div_ceil(MAX_DEPTHS);
         let kept: Vec<[f64; 2]> = samples.iter().rev().step_by(every).rev().copied().collect();
@@ -202,7 +204,9 @@ impl Experiment {
             })
             .collect();
         if places.is_empty() {
-            return Err(Error::Input(format!("{name}: the map has no stiffness")));
+            return Err(Error::Input(format!(
+                "{name}: the map has no stiffness above 0; press where the body can be measured"
+            )));
         }
         Ok(Experiment {
             name: name.to_owned(),
@@ -272,7 +276,12 @@ fn map(path: &Path, table: &NumberTable, columns: Vec<usize>, about: &Path) -> R
 
 fn read_json<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-    serde_json::from_str(&text).map_err(|e| Error::format(path, e.to_string()))
+    serde_json::from_str(&text).map_err(|e| {
+        let what = format!(
+            "{e}; it must say where and how was pressed (docs/identify.md), as palpate press writes it"
+        );
+        Error::format(path, what)
+    })
 }
 
 /// Rows of numbers; text that is none is NaN.
@@ -305,7 +314,7 @@ impl NumberTable {
         match rows.is_empty() {
             true => Err(Error::format(
                 path,
-                "the file has no rows of numbers".to_owned(),
+                "the file has no rows of numbers; measure at one depth at least".to_owned(),
             )),
             false => Ok(NumberTable {
                 names,
