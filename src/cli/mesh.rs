@@ -68,6 +68,12 @@ pub struct MeshArguments {
     /// Set the largest ratio of interior to boundary edge length; 1 for uniform edges
     #[arg(long, help_heading = "Size", default_value_t = 8.0)]
     grading: f64,
+    /// Set the edge lengths by place, in place of --edge and --grading: a volume of lengths in mm, or a
+    /// tet mesh, whose cell field `edge_length` they are, or else those at which its cell field `error`
+    /// would be the same in all tets (error.vtu of a press), or else those of its tets; with --tets in
+    /// proportion to these
+    #[arg(long, help_heading = "Size", value_name = "FILE", conflicts_with_all = ["edge", "grading"])]
+    size_field: Option<PathBuf>,
     /// Set the unit of a surface file: m, cm, mm, um, in (volumes are in mm)
     #[arg(long, help_heading = "Size")]
     unit: Option<String>,
@@ -147,6 +153,7 @@ impl MeshArguments {
                 (None, tets) => tets.map(TargetSize::Tets),
             },
             grading: Some(self.grading),
+            size_field: self.size_field.clone(),
             min_island: self.min_island,
             number: self.volume,
             unit,

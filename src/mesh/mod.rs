@@ -63,7 +63,7 @@ pub use quadratic::ElementOrder;
 pub(crate) use quadratic::{PIECES, TenNodes, ten_nodes, traction_shares};
 pub(crate) use quadratic_shape::{QUADRATURE, QUADRATURE_POINTS, quadrature_point, unit_map};
 pub(crate) use quality::DIHEDRAL_BINS;
-pub use quality::{QualityReport, TetQuality, WorstTet};
+pub use quality::{QualityReport, TetQuality};
 pub use repair::RepairReport;
 pub(crate) use sorted_list::replace_sorted;
 pub use surface_report::SurfaceDescription;

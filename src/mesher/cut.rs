@@ -4,7 +4,7 @@
 use super::domain::{OffsetDomain, Sampler};
 use super::lattice::LatticeMesh;
 use crate::Result;
-use crate::mesh::TET_EDGES;
+use crate::mesh::{TET_EDGES, signed_volume};
 use crate::parallel;
 use crate::progress::ProgressScope;
 use glam::DVec3;
@@ -19,6 +19,9 @@ const SNAP_SHORT: f64 = 0.41189;
 /// Tolerance of a cut: the weights of the two sides differ by this fraction of their difference at
 /// the ends.
 const ROOT_TOLERANCE: f64 = 1e-7;
+
+/// Smallest volume of a lattice tet with snapped points, relative to that before.
+const LEAST_VOLUME: f64 = 0.05;
 
 /// In place of a region: the point has been snapped to a boundary and touches every region.
 pub(super) const ON_BOUNDARY: u16 = u16::MAX;
@@ -113,7 +116,11 @@ impl CutLattice {
             cuts: Vec::new(),
             snapped: 0,
         };
+        let regions = whole.region.clone();
         whole.snap(lattice, &edges, &cuts);
+        if lattice.has_unequal_leaves_at_boundaries {
+            whole.keep_orientations(lattice, &regions);
+        }
         for (edge, t) in edges.iter().zip(&cuts) {
             if edge
                 .iter()
@@ -125,6 +132,47 @@ impl CutLattice {
             }
         }
         Ok(whole)
+    }
+
+    /// Moves snapped points of lattice tets that they invert or flatten back, into their `regions`: tets
+    /// between equal leaves keep their shape, those between leaves of different sizes may not.
+    fn keep_orientations(&mut self, lattice: &LatticeMesh, regions: &[u16]) {
+        let volume =
+            |positions: &[DVec3], tet: &[u32; 4]| signed_volume(tet.map(|p| positions[p as usize]));
+        loop {
+            let flattened = parallel::collect(lattice.tets.len(), |range, flattened| {
+                flattened.extend(lattice.tets[range].iter().copied().filter(|tet| {
+                    let is_snapped = |p: &u32| self.region[*p as usize] == ON_BOUNDARY;
+                    let before = volume(&lattice.positions, tet);
+                    let now = volume(&self.positions, tet) * before.signum();
+                    tet.iter().any(is_snapped) && now < LEAST_VOLUME * before.abs()
+                }));
+            });
+            let mut is_any_moved = false;
+            for tet in flattened {
+                // The one that was moved farthest; the others may be next, and cuts close to points that
+                // are not snapped give small tets.
+                let moved = |p: &u32| {
+                    let p = *p as usize;
+                    self.positions[p].distance_squared(lattice.positions[p])
+                };
+                let snapped = tet
+                    .iter()
+                    .filter(|p| self.region[**p as usize] == ON_BOUNDARY);
+                let Some(p) = snapped.max_by(|a, b| moved(a).total_cmp(&moved(b))) else {
+                    continue;
+                };
+                let p = *p as usize;
+                self.region[p] = regions[p];
+                self.positions[p] = lattice.positions[p];
+                self.sides[p] = [0; 2];
+                self.snapped -= 1;
+                is_any_moved = true;
+            }
+            if !is_any_moved {
+                return;
+            }
+        }
     }
 
     /// Snaps every point with a nearby cut to the nearest one.

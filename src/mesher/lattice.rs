@@ -26,6 +26,8 @@ pub(super) struct LatticeMesh {
     pub known: Vec<Option<u16>>,
     /// Four points per tet, in any orientation.
     pub tets: Vec<[u32; 4]>,
+    /// Whether leaves of different sizes may meet at boundaries.
+    pub has_unequal_leaves_at_boundaries: bool,
 }
 
 impl LatticeMesh {
@@ -76,6 +78,7 @@ impl LatticeMesh {
             positions,
             known,
             tets,
+            has_unequal_leaves_at_boundaries: tree.follows_field,
         })
     }
 

@@ -4,7 +4,8 @@
 //! *Isosurface stuffing: fast tetrahedral meshes with good dihedral angles* (2007), extended to
 //! several regions in the manner of Bronson, Levine & Whitaker, *Lattice cleaving* (2014):
 //!
-//! 1. `octree`: the smallest leaves along all boundaries, larger ones away from them.
+//! 1. `octree`: the smallest leaves along all boundaries, larger ones away from them; or leaves of
+//!    wanted sizes (`size_field`).
 //! 2. `lattice`: the octree’s points and tets, a body-centred cubic lattice where leaves are equal.
 //! 3. `cut`: assigns points to regions, cuts the edges between regions, and snaps points close to
 //!    a cut onto it.
@@ -24,6 +25,7 @@ mod mesh_report;
 mod non_manifold;
 mod octree;
 mod optimise;
+mod size_field;
 mod small_components;
 mod spacing;
 mod stars;
@@ -42,6 +44,8 @@ pub(crate) use mesh_report::peak_memory;
 pub use mesh_report::{MeshReport, RegionReport};
 pub(crate) use non_manifold::NonManifoldReport;
 pub(crate) use optimise::OptimiserReport;
+pub(crate) use size_field::EDGE_LENGTH;
+pub use size_field::SizeField;
 pub(crate) use small_components::IslandReport;
 pub(crate) use spacing::{MAX_OUTSIDE_RATIO, find_spacing};
 pub use threshold_domain::ThresholdDomain;
@@ -55,7 +59,8 @@ use domain::{OffsetDomain, Sampler};
 use glam::DVec3;
 use junction::Junctions;
 use lattice::LatticeMesh;
-use octree::Octree;
+use octree::{LeafSizes, Octree};
+use std::sync::Arc;
 use stencil::{Piece, Stencils};
 
 /// Maximum number of corrections to match the true volumes; each leaves a fraction of the error.
@@ -71,13 +76,16 @@ pub enum Spacing {
 }
 
 /// Options of [`mesh_domain`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct MeshOptions {
     /// Size of the tets at region boundaries.
     pub spacing: Spacing,
     /// Maximum ratio of the size of interior tets to those at boundaries: 1, 2, 4, … (other values
     /// are rounded down).
     pub grading: f64,
+    /// Sizes by place, in place of `grading`: the edge length of `spacing` is that of the smallest
+    /// tets, others are in proportion to it.
+    pub sizes: Option<Arc<SizeField>>,
     /// Components of a region below this volume are merged into their surroundings.
     pub min_island: f64,
     /// Offset of the lattice, in edges, from the lower corner of the domain's bounds, where it has
@@ -90,6 +98,7 @@ impl Default for MeshOptions {
         MeshOptions {
             spacing: Spacing::Tets(50_000),
             grading: 4.0,
+            sizes: None,
             min_island: 0.0,
             offset: DVec3::ZERO,
         }
@@ -179,7 +188,7 @@ pub fn mesh_domain(
                 // Bodies fill about a third of their bounding boxes.
                 false => (high - low).to_array().iter().product::<f64>() / 3.0,
             };
-            let graded = options.grading >= 2.0;
+            let graded = options.sizes.is_some() || options.grading >= 2.0;
             find_spacing(wanted, volume, graded, trial, DividedDomain::counts)?
         }
     };
@@ -256,9 +265,12 @@ fn build_lattice(
     progress: ProgressFn,
 ) -> Result<DividedDomain> {
     let mut report = MeshReport::start(edge);
-    let levels = options.grading.log2().floor() as u32;
+    let leaf_sizes = match options.sizes.as_deref() {
+        None => LeafSizes::Graded(options.grading.log2().floor() as u32),
+        Some(sizes) => LeafSizes::Field(sizes),
+    };
     let part = ProgressScope::begin(progress, "octree", 0.0)?;
-    let tree = Octree::new(domain, edge, levels, options.offset, &part)?;
+    let tree = Octree::new(domain, edge, leaf_sizes, options.offset, &part)?;
     report.stage("octree");
     let part = ProgressScope::begin(progress, "lattice", 0.1)?;
     let lattice = LatticeMesh::new(&tree, &part)?;

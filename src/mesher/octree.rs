@@ -1,7 +1,7 @@
 //! A balanced octree over a domain: the smallest leaves along all region boundaries, larger ones
-//! away from them.
+//! away from them; or leaves of wanted sizes.
 
-use super::Domain;
+use super::{Domain, SizeField};
 use crate::parallel;
 use crate::progress::ProgressScope;
 use crate::{Error, Result};
@@ -33,9 +33,30 @@ pub(super) struct Leaf {
     pub region: Option<u16>,
 }
 
+/// Which sizes leaves have.
+#[derive(Clone, Copy)]
+pub(super) enum LeafSizes<'a> {
+    /// The smallest along boundaries, and up to 2 to this power times as large away from them.
+    Graded(u32),
+    /// Those of a field, in proportion to its smallest.
+    Field(&'a SizeField),
+}
+
+impl LeafSizes<'_> {
+    /// Largest level of a leaf.
+    fn levels(self) -> u32 {
+        match self {
+            LeafSizes::Graded(levels) => levels,
+            LeafSizes::Field(sizes) => sizes.levels(),
+        }
+    }
+}
+
 /// The leaves of an octree in Morton order.
 pub(super) struct Octree {
     pub leaves: Vec<Leaf>,
+    /// Whether leaves have the sizes of a field, also at boundaries.
+    pub follows_field: bool,
     /// For each level, the index of a leaf in `leaves` by the key of its corner.
     index: Vec<FxHashMap<u64, u32>>,
     origin: DVec3,
@@ -53,16 +74,16 @@ pub(super) fn key(p: Lattice) -> u64 {
 }
 
 impl Octree {
-    /// Builds the octree over `domain` with smallest leaves of side `edge` and largest leaves of
-    /// `2^levels` times that. Its planes pass through the lower corner of the domain's bounds,
-    /// moved by `offset` edges. Leaves outside, and not adjacent to a region, are dropped.
+    /// Builds the octree over `domain` with smallest leaves of side `edge`. Its planes pass through
+    /// the lower corner of the domain's bounds, moved by `offset` edges. Leaves outside, and not adjacent to a region, are dropped.
     pub(super) fn new(
         domain: &dyn Domain,
         edge: f64,
-        levels: u32,
+        sizes: LeafSizes,
         offset: DVec3,
         part: &ProgressScope,
     ) -> Result<Octree> {
+        let levels = sizes.levels();
         let (low, high) = domain.bounds();
         let extent = high - low;
         if !(extent.is_finite() && extent.min_element() >= 0.0) {
@@ -87,6 +108,7 @@ impl Octree {
             .map(|n| n.floor() as usize + 1);
         let mut tree = Octree {
             leaves: Vec::new(),
+            follows_field: matches!(sizes, LeafSizes::Field(_)),
             index: vec![FxHashMap::default(); levels as usize + 1],
             origin,
             half: 0.5 * edge,
@@ -105,7 +127,7 @@ impl Octree {
             };
             let mut leaves = Vec::new();
             if part.should_continue() {
-                tree.divide(domain, root, levels, &made, &mut leaves);
+                tree.divide((domain, sizes), root, &made, &mut leaves);
             }
             leaves
         });
@@ -138,21 +160,25 @@ impl Octree {
         self.index.get(level as usize)?.get(&key(corner)).copied()
     }
 
-    /// Adds the leaves of `cell` to `leaves`, subdivided if a boundary is within one edge.
+    /// Adds the leaves of `cell` to `leaves`, subdivided where smaller ones are wanted.
     fn divide(
         &self,
-        domain: &dyn Domain,
+        (domain, sizes): (&dyn Domain, LeafSizes),
         cell: Leaf,
-        levels: u32,
         made: &AtomicUsize,
         leaves: &mut Vec<Leaf>,
     ) {
         if made.load(Ordering::Relaxed) > MAX_LEAVES {
             return;
         }
+        let edge = 2.0 * self.half;
+        // Tets connect the centres of adjacent leaves, of which the larger has at most the largest size.
+        let reach = match sizes {
+            LeafSizes::Graded(_) => edge,
+            LeafSizes::Field(_) => edge * f64::from(1u32 << sizes.levels()),
+        };
         let region = cell.region.or_else(|| {
             // With a margin of one edge, a leaf adjacent to one with a boundary is subdivided, too.
-            let reach = 2.0 * self.half;
             let low = self.position(cell.corner) - reach;
             let high = self.position(cell.corner.map(|c| c + side(cell.level))) + reach;
             domain.uniform(low, high)
@@ -160,14 +186,28 @@ impl Octree {
         if region == Some(0) {
             return;
         }
-        if cell.level == 0 || (cell.level <= levels && region.is_some()) {
+        let is_leaf = match sizes {
+            LeafSizes::Graded(levels) => cell.level <= levels && region.is_some(),
+            LeafSizes::Field(sizes) => {
+                cell.level <= sizes.levels() && !self.is_too_large(cell, sizes)
+            }
+        };
+        if cell.level == 0 || is_leaf {
             made.fetch_add(1, Ordering::Relaxed);
             leaves.push(Leaf { region, ..cell });
             return;
         }
         for child in (Leaf { region, ..cell }).children() {
-            self.divide(domain, child, levels, made, leaves);
+            self.divide((domain, sizes), child, made, leaves);
         }
+    }
+
+    /// Whether the half of its side is nearer to a wanted size, by their ratio, than its side.
+    fn is_too_large(&self, cell: Leaf, sizes: &SizeField) -> bool {
+        let low = self.position(cell.corner);
+        let high = self.position(cell.corner.map(|c| c + side(cell.level)));
+        let length = sizes.smallest() * f64::from(1u32 << cell.level);
+        sizes.is_finer_in(low, high, length * std::f64::consts::FRAC_1_SQRT_2)
     }
 
     /// Subdivides leaves until those that share an edge or a face differ by at most one level.

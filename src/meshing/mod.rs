@@ -5,6 +5,7 @@
 
 mod domain_source;
 mod recipe;
+mod size_field;
 #[cfg_attr(target_arch = "wasm32", path = "tetgen_absent.rs")]
 mod tetgen;
 

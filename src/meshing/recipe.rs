@@ -3,6 +3,7 @@
 use super::domain_source::{
     INTENSITY, MILLIMETRE, Regions, Surfaces, check_label_map, common_frame,
 };
+use super::size_field::read_size_field;
 use super::tetgen;
 use crate::io::{self, Kind};
 use crate::mesh::{AnatomicalFrame, Field, Length, Location, ScalarType, TetMesh, TriMesh};
@@ -15,6 +16,7 @@ use crate::volume::Volume;
 use crate::{Error, ProgressFn, Result, no_progress};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use web_time::Instant;
 
 /// Default number of tets.
@@ -53,6 +55,11 @@ pub struct MeshingConfig {
     pub size: Option<TargetSize>,
     /// Ratio of the edges away from boundaries to those at boundaries.
     pub grading: Option<f64>,
+    /// File of the edge lengths of the tets by place, in place of `grading`; see
+    /// [`SizeField::of_mesh`](crate::mesher::SizeField::of_mesh) and
+    /// [`SizeField::of_volume`](crate::mesher::SizeField::of_volume). Without a target size the lengths are
+    /// those of the file, otherwise in proportion to them.
+    pub size_field: Option<PathBuf>,
     /// Components of regions below this volume, in cubic units of the input, are merged into their
     /// surroundings.
     pub min_island: Option<f64>,
@@ -286,6 +293,12 @@ impl MeshingConfig {
             notes,
         } = self.read_surfaces()?;
         let frame = common_frame(&surfaces);
+        if self.tetgen && self.size_field.is_some() {
+            return Err(Error::Input(
+                "TetGen takes no size field here; omit one of the two (--with, --size-field)"
+                    .into(),
+            ));
+        }
         let mut made = match self.tetgen {
             true => {
                 let filling = tetgen(&surfaces, self.spacing(self.unit)?, progress)?;
@@ -314,9 +327,17 @@ impl MeshingConfig {
         progress: ProgressFn,
     ) -> Result<MeshingResult> {
         let defaults = MeshOptions::default();
+        let sizes = match &self.size_field {
+            Some(file) => Some(Arc::new(read_size_field(file, domain.bounds(), unit)?)),
+            None => None,
+        };
         let options = MeshOptions {
-            spacing: self.spacing(unit)?,
+            spacing: match (&sizes, self.size) {
+                (Some(sizes), None) => Spacing::Edge(sizes.smallest()),
+                _ => self.spacing(unit)?,
+            },
             grading: self.grading.unwrap_or(defaults.grading),
+            sizes,
             min_island: self.min_island.unwrap_or(defaults.min_island),
             ..defaults
         };

@@ -332,3 +332,67 @@ fn one_of_several_volumes_is_meshed_by_number() {
     let error = failure(&palpate(&["info", text(&mesh), "--volume", "0"]));
     assert!(error.contains("volumes only"), "{error}");
 }
+
+/// The tets that a press divides are small in a mesh by their sizes, others large.
+#[test]
+fn size_field_of_mesh_or_volume_sets_edge_lengths() {
+    let folder = folder("mesh_size_field");
+    let knee = shipped("knee.nrrd");
+    let (first, second) = (folder.join("first.vtu"), folder.join("second.vtu"));
+    let labels = ["mesh", &knee, "--labels", "all", "--out"];
+    let made = |out: &Path, more: &[&str]| palpate(&[&labels[..], &[text(out)], more].concat());
+    stdout(&made(&first, &["--tets", "4000"]));
+    let mut mesh = palpate::io::read(&first).unwrap();
+    let (low, high) = mesh.bounds();
+    let middle = 0.5 * (low.x + high.x);
+    let centre = |mesh: &palpate::mesh::TetMesh, t: usize| {
+        mesh.tets[t]
+            .iter()
+            .map(|v| mesh.nodes[*v as usize].x)
+            .sum::<f64>()
+            / 4.0
+    };
+    let on_right = |mesh: &palpate::mesh::TetMesh| {
+        let right = (0..mesh.tets.len()).filter(|t| centre(mesh, *t) > middle);
+        right.count() as f64 / mesh.tets.len() as f64
+    };
+    let errors: Vec<f64> = (0..mesh.tets.len())
+        .map(|t| if centre(&mesh, t) > middle { 1.0 } else { 0.01 })
+        .collect();
+    let before = on_right(&mesh);
+    let field = palpate::mesh::Field::scalar("error", palpate::mesh::Location::Cell, errors);
+    mesh.set_field(field).unwrap();
+    let sizes = folder.join("error.vtu");
+    palpate::io::write(&sizes, &mesh).unwrap();
+    stdout(&made(
+        &second,
+        &["--size-field", text(&sizes), "--tets", "8000"],
+    ));
+    let finer = palpate::io::read(&second).unwrap();
+    assert!(
+        (6_800..=9_200).contains(&finer.tets.len()),
+        "{}",
+        finer.tets.len()
+    );
+    let after = on_right(&finer);
+    assert!(after > before + 0.2, "{before}, {after}");
+
+    let expect = |more: &[&str], why: &str| {
+        let said = failure(&made(&second, more));
+        assert!(said.contains(why), "{said}");
+    };
+    let far = folder.join("far.vtu");
+    mesh.nodes.iter_mut().for_each(|p| p.x += 1e4);
+    palpate::io::write(&far, &mesh).unwrap();
+    expect(&["--size-field", text(&far)], "do not overlap");
+    let surface = folder.join("knee.ply");
+    stdout(&palpate(&[
+        "mesh",
+        &knee,
+        "--labels",
+        "all",
+        "--out",
+        text(&surface),
+    ]));
+    expect(&["--size-field", text(&surface)], "is a surface");
+}

@@ -2,6 +2,7 @@
 
 mod labels;
 mod scans;
+mod sizes;
 mod solids;
 mod support;
 mod thin;
