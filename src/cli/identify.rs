@@ -1,4 +1,4 @@
-//! `palpate identify`: material parameters from measured presses.
+//! `palpate identify`: material parameters from measurements.
 
 use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
@@ -18,13 +18,14 @@ use std::path::{Path, PathBuf};
 pub struct IdentifyArguments {
     /// Scene (.toml) of the body, or a mesh
     scene: PathBuf,
-    /// Read measured presses: the folder of `palpate press`, press.csv with press.json, or map.csv with
-    /// map.json; several for several experiments
+    /// Read measurements: the folder of `palpate press`, press.csv with press.json, map.csv with map.json, or
+    /// a recording of markers (.toml, docs/identify.md); several for several experiments
     #[arg(long, required = true, num_args = 1.., value_name = "DATA")]
     data: Vec<PathBuf>,
     /// Name the unknowns: material.young, material.TISSUE.young, material.poisson,
-    /// material.TISSUE.poisson, or lump, a ball with another stiffness
-    #[arg(long, required = true, value_delimiter = ',', value_name = "NAME")]
+    /// material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio, or lump,
+    /// a ball with another stiffness. Without any, measured and predicted numbers are compared
+    #[arg(long, value_delimiter = ',', value_name = "NAME")]
     unknown: Vec<String>,
     /// Set the standard deviation of the measured numbers, such as 2%: of a curve relative to its largest
     /// force, of a map relative to each stiffness [default: estimated from the residuals]
@@ -170,12 +171,14 @@ fn write_json(out: &Path, found: &Identified) -> Result<()> {
 fn write_residuals(out: &Path, residuals: &[Residual]) -> Result<()> {
     let path = out.join("residuals.csv");
     atomic_write(&path, |file| {
-        let mut text = String::from("experiment,x,y,z,depth_m,measured,predicted,residual\n");
+        let mut text =
+            String::from("experiment,quantity,x,y,z,depth_m,measured,predicted,residual\n");
         for row in residuals {
             let [x, y, z] = row.at;
             text += &format!(
-                "\"{}\",{x},{y},{z},{},{},{},{}\n",
+                "\"{}\",{},{x},{y},{z},{},{},{},{}\n",
                 row.experiment.replace('"', "\"\""),
+                row.quantity,
                 row.depth_m,
                 row.measured,
                 row.predicted,
@@ -186,11 +189,13 @@ fn write_residuals(out: &Path, residuals: &[Residual]) -> Result<()> {
     })
 }
 
-/// Draws measured and predicted forces against depth; of maps predicted against measured stiffnesses.
+/// Draws measured and predicted forces against depth; where there are none, predicted against measured
+/// numbers.
 #[cfg(feature = "study")]
 fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
     use palpate::study::{Axis, Chart, Series, SeriesStyle};
-    let is_map = found.residuals.iter().all(|row| row.is_map);
+    let are_forces = |row: &&Residual| row.quantity == "force";
+    let has_curve = found.residuals.iter().any(|row| are_forces(&row));
     let mut series = Vec::new();
     let mut names: Vec<&str> = found
         .residuals
@@ -200,16 +205,21 @@ fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
     names.dedup();
     for (k, name) in names.iter().enumerate() {
         let own = || found.residuals.iter().filter(|row| row.experiment == *name);
-        if is_map {
-            let points = own().map(|row| [row.measured, row.predicted]).collect();
-            series.push(Series::new(
-                format!("map {}", k + 1),
-                SeriesStyle::Marks,
-                points,
-            ));
+        if !has_curve {
+            let mut quantities: Vec<&str> = own().map(|row| row.quantity.as_str()).collect();
+            quantities.sort_unstable();
+            quantities.dedup();
+            for quantity in quantities {
+                let rows = own().filter(|row| row.quantity == quantity);
+                series.push(Series::new(
+                    format!("{quantity}, {}", k + 1),
+                    SeriesStyle::Marks,
+                    rows.map(|row| [row.measured, row.predicted]).collect(),
+                ));
+            }
             continue;
         }
-        let rows = || own().filter(|row| !row.is_map);
+        let rows = || own().filter(are_forces);
         let measured = rows()
             .map(|row| [1e3 * row.depth_m, row.measured])
             .collect();
@@ -234,9 +244,13 @@ fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
             format!("{} = {number} {}", value.name, value.unit)
         })
         .collect();
-    let [x, y] = match is_map {
-        true => ["measured stiffness, N/m", "predicted stiffness, N/m"],
-        false => ["depth, mm", "force, N"],
+    let is_map = |row: &Residual| row.quantity == "stiffness";
+    let [x, y] = match has_curve {
+        true => ["depth, mm", "force, N"],
+        false if found.residuals.iter().all(is_map) => {
+            ["measured stiffness, N/m", "predicted stiffness, N/m"]
+        }
+        false => ["measured", "predicted"],
     };
     Chart {
         title: values.join(", "),

@@ -12,12 +12,16 @@ use crate::{Error, ProgressFn, Result, no_progress};
 use glam::DVec3;
 
 /// The names accepted by [`by_name`], with a description of each mesh.
-pub const GENERATORS: [(&str, &str); 10] = [
+pub const GENERATORS: [(&str, &str); 11] = [
     (
         "bar",
         "the bar of Tejada & Ertl 2005, 12 × 6 × 6 cm; 80 tets",
     ),
     ("box", "a cube of 10 cm in cells of six tets; 6,000 tets"),
+    (
+        "beam",
+        "a beam of 10 × 3 × 3 cm in cells of six tets; 540 tets",
+    ),
     ("ball", "a ball of 10 cm; 6,000 tets"),
     (
         "duct",
@@ -93,6 +97,14 @@ pub(crate) fn by_name_with_progress(
     match name {
         "bar" => bar_of_about(tets.unwrap_or(80), PAPER_BAR_SIZE),
         "box" => box_mesh([side(tets.unwrap_or(6_000), 6.0); 3], size, Split::Six),
+        "beam" => {
+            let across = 3 * side(tets.unwrap_or(540), 540.0);
+            box_mesh(
+                [across * 10 / 3, across, across],
+                DVec3::new(0.1, 0.03, 0.03),
+                Split::Six,
+            )
+        }
         // A ball fills π/6 of its box, with twelve tets per cell.
         "ball" => ball(0.05, side(tets.unwrap_or(6_000), 6.5).max(2)),
         // Around, out and along: 4n · n/3 · m cells of six tets.

@@ -1,7 +1,7 @@
 //! The further press that would tell most: the expected gain of information over places of the body.
 
 use super::data::{Observed, Place};
-use super::forward::PressedBody;
+use super::forward::{BodyExperiment, MeasuredBody};
 use super::least_squares::Solution;
 use super::report::PressAdvice;
 use super::uncertainty::Uncertainty;
@@ -21,11 +21,12 @@ const MIN_GAIN: f64 = 0.1;
 /// # Errors
 /// As a press; a place that cannot be pressed is left out.
 pub(super) fn best_press(
-    body: &PressedBody,
+    body: &MeasuredBody,
     (best, uncertainty): (&Solution, &Uncertainty),
     progress: ProgressFn,
 ) -> Result<Option<PressAdvice>> {
-    let Some(experiment) = body.experiments.first() else {
+    let presses = body.experiments.iter().find_map(BodyExperiment::presses);
+    let Some(experiment) = presses else {
         return Ok(None);
     };
     let (scene, mesh) = body.with_values(&best.values);
@@ -40,6 +41,8 @@ pub(super) fn best_press(
             outward: site.outward,
             depths: (1..=4).map(|k| 0.25 * depth * f64::from(k)).collect(),
             observed: vec![Observed {
+                quantity: String::new(),
+                at: site.point,
                 weights: vec![(3, 1.0)],
                 depth,
                 value: 0.0,
@@ -91,7 +94,7 @@ pub(super) fn best_press(
 }
 
 /// Returns the unknown with the widest interval on its own scale.
-fn widest_unknown(body: &PressedBody, uncertainty: &Uncertainty) -> usize {
+fn widest_unknown(body: &MeasuredBody, uncertainty: &Uncertainty) -> usize {
     let spread = |k: &usize| uncertainty.covariance[(*k, *k)];
     (0..body.unknowns().len())
         .max_by(|a, b| spread(a).total_cmp(&spread(b)))

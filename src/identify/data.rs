@@ -1,10 +1,13 @@
-//! Measured presses: force against depth, and maps of stiffness.
+//! Measurements: force against depth, maps of stiffness, and recordings of markers.
 
+use super::recording::Recording;
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
 use std::path::Path;
 
+/// The quantity of maps.
+pub(super) const STIFFNESS: &str = "stiffness";
 /// Largest number of depths of a curve that are compared, evenly spread.
 const MAX_DEPTHS: usize = 8;
 /// Loading steps at each point of a map, as `palpate press --map`.
@@ -12,19 +15,34 @@ const MAP_STEPS: u32 = 6;
 /// A map's stiffness is the slope where the depth is at least this part of the largest.
 const FIT_FRACTION: f64 = 0.5;
 
-/// A curve of force against depth, or a map of stiffness, with how it was measured. Lengths are in file
-/// units of the body, depths in metres.
-#[derive(Clone, Debug, PartialEq)]
+/// Measured numbers, with how they were measured.
+#[derive(Clone, Debug)]
 pub struct Experiment {
     /// Its file, for messages.
     pub name: String,
+    pub(super) kind: ExperimentKind,
+}
+
+/// What was done to the body.
+#[derive(Clone, Debug)]
+pub(super) enum ExperimentKind {
+    /// It was pressed.
+    Presses(Presses),
+    /// Markers on it were filmed.
+    Recording(Box<Recording>),
+}
+
+/// A curve of force against depth, or a map of stiffness. Lengths are in file units of the body, depths
+/// in metres.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Presses {
     /// Whether it is a map.
     pub is_map: bool,
     /// Metres per unit of the places and the radius; `None` for those of the body.
-    pub(super) length_unit_m: Option<f64>,
+    pub length_unit_m: Option<f64>,
     /// Radius of the fingertip.
-    pub(super) radius: f64,
-    pub(super) places: Vec<Place>,
+    pub radius: f64,
+    pub places: Vec<Place>,
 }
 
 /// A place that was pressed.
@@ -37,14 +55,18 @@ pub(super) struct Place {
     pub observed: Vec<Observed>,
 }
 
-/// A measured number: a weighted sum of the forces at the depths of a place.
+/// A measured number; of a press a weighted sum of the forces at the depths of a place.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Observed {
+    /// What it is, such as `force`.
+    pub quantity: String,
+    /// Its place, in file units.
+    pub at: DVec3,
     /// Weights by number of the depth.
     pub weights: Vec<(usize, f64)>,
     /// The largest depth, m.
     pub depth: f64,
-    /// N, or N/m.
+    /// In the unit of the quantity.
     pub value: f64,
     /// What the noise is relative to.
     pub scale: f64,
@@ -72,7 +94,7 @@ impl Experiment {
     /// Reads the results of `palpate press`, or measurements of the same form: a folder, `press.csv`
     /// (columns `depth_m`, `force_n` and perhaps `phase`, of which `load` is used) with `press.json` (`at`,
     /// `direction`, `radius_m`), or `map.csv` (columns `x`, `y`, `z`, `stiffness`) with `map.json` (`radius`,
-    /// `depth`, `direction`, `length_unit_m`).
+    /// `depth`, `direction`, `length_unit_m`); or a recording of markers (`.toml`).
     ///
     /// # Errors
     /// [`Error::Format`] or [`Error::Io`] naming the file and what it lacks.
@@ -89,6 +111,15 @@ impl Experiment {
             }
             let read = there.into_iter().map(Experiment::read);
             return Ok(read.collect::<Result<Vec<_>>>()?.concat());
+        }
+        if path
+            .extension()
+            .is_some_and(|extension| extension == "toml")
+        {
+            return Ok(vec![Experiment {
+                name: path.display().to_string(),
+                kind: ExperimentKind::Recording(Box::new(Recording::read(path)?)),
+            }]);
         }
         let table = NumberTable::read(path)?;
         let about = path.with_extension("json");
@@ -141,23 +172,20 @@ impl Experiment {
         let every = samples.len().div_ceil(MAX_DEPTHS);
         let kept: Vec<[f64; 2]> = samples.iter().rev().step_by(every).rev().copied().collect();
         let observed = kept.iter().enumerate().map(|(k, [depth, force])| Observed {
+            quantity: "force".into(),
+            at,
             weights: vec![(k, 1.0)],
             depth: *depth,
             value: *force,
             scale: strongest,
         });
-        Ok(Experiment {
-            name: name.to_owned(),
-            is_map: false,
-            length_unit_m: None,
-            radius,
-            places: vec![Place {
-                at,
-                outward: -direction.normalize(),
-                observed: observed.collect(),
-                depths: kept.iter().map(|s| s[0]).collect(),
-            }],
-        })
+        let place = Place {
+            at,
+            outward: -direction.normalize(),
+            observed: observed.collect(),
+            depths: kept.iter().map(|s| s[0]).collect(),
+        };
+        Ok(Experiment::presses(name, false, radius, vec![place]))
     }
 
     /// Returns a map of the `stiffnesses` (N/m) at `points` that a fingertip of `radius` measured along
@@ -196,6 +224,8 @@ impl Experiment {
                 outward: -direction.normalize(),
                 depths: depths.clone(),
                 observed: vec![Observed {
+                    quantity: STIFFNESS.into(),
+                    at: *at,
                     weights: weights.clone(),
                     depth,
                     value: *stiffness,
@@ -208,22 +238,48 @@ impl Experiment {
                 "{name}: the map has no stiffness above 0; press where the body can be measured"
             )));
         }
-        Ok(Experiment {
-            name: name.to_owned(),
-            is_map: true,
-            length_unit_m: None,
-            radius,
-            places,
-        })
+        Ok(Experiment::presses(name, true, radius, places))
     }
 
-    /// Returns the experiment with lengths in units of `unit` metres, in which the body is.
-    pub(super) fn in_unit(&self, unit: f64) -> Experiment {
+    fn presses(name: &str, is_map: bool, radius: f64, places: Vec<Place>) -> Experiment {
+        Experiment {
+            name: name.to_owned(),
+            kind: ExperimentKind::Presses(Presses {
+                is_map,
+                length_unit_m: None,
+                radius,
+                places,
+            }),
+        }
+    }
+
+    fn with_unit(mut self, unit: Option<f64>) -> Experiment {
+        if let ExperimentKind::Presses(presses) = &mut self.kind {
+            presses.length_unit_m = unit;
+        }
+        self
+    }
+
+    /// Whether it is a map of stiffness.
+    pub(super) fn is_map(&self) -> bool {
+        matches!(&self.kind, ExperimentKind::Presses(presses) if presses.is_map)
+    }
+
+    /// Whether it is a recording of markers.
+    pub fn is_recording(&self) -> bool {
+        matches!(self.kind, ExperimentKind::Recording(_))
+    }
+}
+
+impl Presses {
+    /// Returns the presses with lengths in units of `unit` metres, in which the body is.
+    pub(super) fn in_unit(&self, unit: f64) -> Presses {
         let factor = self.length_unit_m.map_or(1.0, |own| own / unit);
         let mut other = self.clone();
         other.radius *= factor;
         for place in &mut other.places {
             place.at *= factor;
+            place.observed.iter_mut().for_each(|own| own.at *= factor);
         }
         other
     }
@@ -247,10 +303,7 @@ fn curve(
         conditions.radius_m / unit,
     );
     let found = Experiment::curve(&path.display().to_string(), place, &samples)?;
-    Ok(Experiment {
-        length_unit_m: conditions.length_unit_m,
-        ..found
-    })
+    Ok(found.with_unit(conditions.length_unit_m))
 }
 
 fn map(path: &Path, table: &NumberTable, columns: Vec<usize>, about: &Path) -> Result<Experiment> {
@@ -268,10 +321,7 @@ fn map(path: &Path, table: &NumberTable, columns: Vec<usize>, about: &Path) -> R
         conditions.depth * conditions.length_unit_m,
     );
     let found = Experiment::map(&path.display().to_string(), how, &points)?;
-    Ok(Experiment {
-        length_unit_m: Some(conditions.length_unit_m),
-        ..found
-    })
+    Ok(found.with_unit(Some(conditions.length_unit_m)))
 }
 
 fn read_json<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T> {

@@ -1,8 +1,9 @@
-//! The forces that a scene predicts for the experiments, and their derivatives by the unknowns.
+//! The numbers that a scene predicts for the experiments, and their derivatives by the unknowns.
 
 use super::IdentifyOptions;
-use super::data::{Experiment, Observed, Place};
+use super::data::{Experiment, ExperimentKind, Observed, Place, Presses};
 use super::lump::{FACTOR_FIELD, FactorSlope, Lump, LumpElements};
+use super::recorded_body::RecordedBody;
 use super::unknown::{Kind, ScaledUnknown};
 use crate::accuracy::of_order;
 use crate::gpu::Gpu;
@@ -13,13 +14,18 @@ use crate::progress::ProgressScope;
 use crate::scene::{AccuracyEntry, OrderChoice, Scene};
 use crate::{Error, ProgressFn, Result, no_progress};
 use glam::DVec3;
+use std::cell::OnceCell;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
 /// Noise for which standard deviations are calculated if none is stated; it is estimated then.
-const UNIT_NOISE: f64 = 0.01;
+pub(super) const UNIT_NOISE: f64 = 0.01;
 /// Depths beyond this part of the smallest extent of a body are taken for an error of units.
 const MAX_DEPTH: f64 = 0.9;
+
+/// Change of θ of the differences of a swing.
+const SWING_DIFFERENCE: f64 = 0.02;
 
 /// Predicted numbers, and for each its derivative by each unknown.
 pub(super) struct Prediction {
@@ -27,13 +33,45 @@ pub(super) struct Prediction {
     pub slopes: Vec<Vec<f64>>,
 }
 
+/// An experiment in the unit of a body.
+pub(super) struct BodyExperiment {
+    pub name: String,
+    pub kind: BodyExperimentKind,
+}
+
+pub(super) enum BodyExperimentKind {
+    Presses(Presses),
+    Recorded(RecordedBody),
+}
+
+impl BodyExperiment {
+    /// The presses, if it is some.
+    pub fn presses(&self) -> Option<&Presses> {
+        match &self.kind {
+            BodyExperimentKind::Presses(presses) => Some(presses),
+            BodyExperimentKind::Recorded(_) => None,
+        }
+    }
+
+    /// Its measured numbers.
+    pub fn observed(&self) -> Vec<&Observed> {
+        match &self.kind {
+            BodyExperimentKind::Presses(presses) => {
+                let places = presses.places.iter();
+                places.flat_map(|place| &place.observed).collect()
+            }
+            BodyExperimentKind::Recorded(recorded) => recorded.observed.iter().collect(),
+        }
+    }
+}
+
 /// The body of a scene, the experiments and the unknowns.
-pub(super) struct PressedBody<'a> {
+pub(super) struct MeasuredBody<'a> {
     pub gpu: &'a Gpu,
     scene: Scene,
     mesh: TetMesh,
     unknowns: Vec<ScaledUnknown>,
-    pub experiments: Vec<Experiment>,
+    pub experiments: Vec<BodyExperiment>,
     observations: Vec<Observed>,
     sigma: Vec<f64>,
     lump: LumpElements,
@@ -50,7 +88,7 @@ struct Chain {
     terms: Vec<Vec<(usize, f64)>>,
 }
 
-impl<'a> PressedBody<'a> {
+impl<'a> MeasuredBody<'a> {
     /// Prepares the body.
     ///
     /// # Errors
@@ -60,12 +98,7 @@ impl<'a> PressedBody<'a> {
         scene: &Scene,
         data: &[Experiment],
         options: &IdentifyOptions,
-    ) -> Result<PressedBody<'a>> {
-        if options.unknowns.is_empty() {
-            return Err(Error::Input(
-                "there is no unknown to identify; name some (--unknown material.young)".into(),
-            ));
-        }
+    ) -> Result<MeasuredBody<'a>> {
         if let Some(noise) = options
             .noise
             .filter(|noise| !(noise.is_finite() && *noise > 0.0))
@@ -76,7 +109,7 @@ impl<'a> PressedBody<'a> {
         }
         let mut scene = scene.clone();
         scene.accuracy = AccuracyEntry::default();
-        if !data.iter().any(|experiment| experiment.is_map) {
+        if !data.iter().any(Experiment::is_map) {
             scene.material.order.get_or_insert(OrderChoice::Auto);
         }
         let mut mesh = scene.load_simulated_mesh(&no_progress)?;
@@ -100,14 +133,17 @@ impl<'a> PressedBody<'a> {
             }
         }
         let tets = unknowns.iter().map(|unknown| match &unknown.kind {
-            Kind::Young(tissue) | Kind::Poisson(tissue) => {
+            Kind::Young(tissue) | Kind::Poisson(tissue) | Kind::Density(tissue) => {
                 scene.material.tets_of(tissue.as_deref(), &mesh)
             }
             _ => Ok(Vec::new()),
         });
         let tets: Vec<Vec<u32>> = tets.collect::<Result<_>>()?;
         let empty = |(unknown, tets): &(&ScaledUnknown, &Vec<u32>)| {
-            let of_tissue = matches!(unknown.kind, Kind::Young(_) | Kind::Poisson(_));
+            let of_tissue = matches!(
+                unknown.kind,
+                Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_)
+            );
             of_tissue && tets.is_empty()
         };
         if let Some((unknown, _)) = unknowns.iter().zip(&tets).find(empty) {
@@ -116,7 +152,7 @@ impl<'a> PressedBody<'a> {
                 unknown.name
             )));
         }
-        let mut body = PressedBody {
+        let mut body = MeasuredBody {
             lump: LumpElements::new(&mesh, scene.material.stiffness_field.as_deref())?,
             gpu,
             scene,
@@ -134,34 +170,66 @@ impl<'a> PressedBody<'a> {
 
     /// Adds experiments, in the unit of the body.
     fn add(&mut self, data: &[Experiment], noise: f64) -> Result<()> {
-        let first = data
-            .first()
-            .ok_or_else(|| Error::Input("there are no data; give some (--data)".into()))?;
-        let presser = Presser::new(self.gpu, &self.scene, &self.mesh, first.in_unit(1.0).radius)?;
-        let unit = presser.unit();
-        self.unit = unit;
-        let (low, high) = self.mesh.bounds();
-        let thin = unit * (high - low).min_element();
+        if data.is_empty() {
+            return Err(Error::Input("there are no data; give some (--data)".into()));
+        }
+        let recording = data.iter().find(|experiment| experiment.is_recording());
+        if let Some(recording) = recording
+            && self.unknowns.iter().any(|unknown| unknown.kind.is_lump())
+        {
+            return Err(Error::Input(format!(
+                "a lump is identified from presses only; remove {} (--data), or the lump (--unknown)",
+                recording.name
+            )));
+        }
+        let mut presser = None;
         for experiment in data {
-            let experiment = experiment.in_unit(unit);
-            for place in &experiment.places {
-                let about = |why: &Error| Error::Input(format!("{}: {why}", experiment.name));
-                presser
-                    .site(place.at, place.outward)
-                    .map_err(|why| about(&why))?;
-                let deepest = place.depths.iter().copied().fold(0.0, f64::max);
-                if deepest > MAX_DEPTH * thin {
-                    return Err(Error::Input(format!(
-                        "{}: a depth of {deepest} m is more than the body is thick ({thin} m at most); depths must be in metres, and the scene needs the unit of its mesh ([mesh] unit)",
-                        experiment.name
-                    )));
+            let kind = match &experiment.kind {
+                ExperimentKind::Presses(presses) => {
+                    if presser.is_none() {
+                        let radius = presses.in_unit(1.0).radius;
+                        let made = Presser::new(self.gpu, &self.scene, &self.mesh, radius)?;
+                        self.unit = made.unit();
+                        presser = Some(made);
+                    }
+                    let presses = presses.in_unit(self.unit);
+                    if let Some(presser) = &presser {
+                        self.check_presses(presser, &experiment.name, &presses)?;
+                    }
+                    BodyExperimentKind::Presses(presses)
                 }
-                for observed in &place.observed {
-                    self.sigma.push(noise * observed.scale);
-                    self.observations.push(observed.clone());
+                ExperimentKind::Recording(recording) => {
+                    let unit = self.scene.length_unit(&self.mesh)?.unwrap_or(1.0);
+                    BodyExperimentKind::Recorded(RecordedBody::new(recording, unit)?)
                 }
+            };
+            let experiment = BodyExperiment {
+                name: experiment.name.clone(),
+                kind,
+            };
+            for observed in experiment.observed() {
+                self.sigma.push(noise * observed.scale);
+                self.observations.push(observed.clone());
             }
             self.experiments.push(experiment);
+        }
+        Ok(())
+    }
+
+    /// Checks that the presses are of this body.
+    fn check_presses(&self, presser: &Presser, name: &str, presses: &Presses) -> Result<()> {
+        let (low, high) = self.mesh.bounds();
+        let thin = self.unit * (high - low).min_element();
+        for place in &presses.places {
+            presser
+                .site(place.at, place.outward)
+                .map_err(|why| Error::Input(format!("{name}: {why}")))?;
+            let deepest = place.depths.iter().copied().fold(0.0, f64::max);
+            if deepest > MAX_DEPTH * thin {
+                return Err(Error::Input(format!(
+                    "{name}: a depth of {deepest} m is more than the body is thick ({thin} m at most); depths must be in metres, and the scene needs the unit of its mesh ([mesh] unit)"
+                )));
+            }
         }
         Ok(())
     }
@@ -196,6 +264,8 @@ impl<'a> PressedBody<'a> {
             match &unknown.kind {
                 Kind::Young(tissue) => scene.material.set_young(tissue.as_deref(), *value),
                 Kind::Poisson(tissue) => scene.material.set_poisson(tissue.as_deref(), *value),
+                Kind::Density(tissue) => scene.material.set_density(tissue.as_deref(), *value),
+                Kind::DampingRatio => scene.material.damping_ratio = Some(*value),
                 _ => {}
             }
         }
@@ -214,10 +284,98 @@ impl<'a> PressedBody<'a> {
     pub fn predict(&self, values: &[f64], progress: ProgressFn) -> Result<Prediction> {
         let places = self.places();
         let found = self.press_all((values, false), &places, progress)?;
-        self.prediction(&places, found, self.unknowns.len())
+        let pressed = self.prediction(&places, found, self.unknowns.len())?;
+        let mut pressed = pressed.numbers.into_iter().zip(pressed.slopes);
+        let mut all = Prediction {
+            numbers: Vec::new(),
+            slopes: Vec::new(),
+        };
+        for experiment in &self.experiments {
+            match &experiment.kind {
+                BodyExperimentKind::Presses(_) => {
+                    let own = pressed.by_ref().take(experiment.observed().len());
+                    for (number, slopes) in own {
+                        all.numbers.push(number);
+                        all.slopes.push(slopes);
+                    }
+                }
+                BodyExperimentKind::Recorded(recorded) => {
+                    let own = match recorded.swings() {
+                        true => self.predict_swing(recorded, values, progress),
+                        false => self.predict_rest(recorded, values),
+                    };
+                    let own = own.map_err(|error| match error {
+                        Error::Input(what) => Error::Input(format!("{}: {what}", experiment.name)),
+                        other => other,
+                    })?;
+                    all.numbers.extend(own.numbers);
+                    all.slopes.extend(own.slopes);
+                }
+            }
+        }
+        Ok(all)
     }
 
-    /// As [`PressedBody::predict`], and for each number its derivatives by the logarithm of the stiffness
+    /// Predicts a recording at rest, with derivatives by the adjoint method.
+    fn predict_rest(&self, recorded: &RecordedBody, values: &[f64]) -> Result<Prediction> {
+        let (scene, mesh) = self.with_values(values);
+        let chain = OnceCell::new();
+        let found = recorded.at_rest((self.gpu, &scene, &mesh), &|simulator| {
+            let own = self.chain((values, false), simulator)?;
+            let parameters = own.parameters.clone();
+            chain.set(own).ok();
+            Ok(parameters)
+        })?;
+        let slopes = |gradient: &Gradient| {
+            let chain = chain.get();
+            chain.map_or(Vec::new(), |chain| chain.by_unknowns(&gradient.derivatives))
+        };
+        Ok(Prediction {
+            slopes: found.iter().map(slopes).collect(),
+            numbers: found.iter().map(|gradient| gradient.value).collect(),
+        })
+    }
+
+    /// Predicts a swing, with derivatives by differences: a swing has few numbers, each of a whole motion.
+    fn predict_swing(
+        &self,
+        recorded: &RecordedBody,
+        values: &[f64],
+        progress: ProgressFn,
+    ) -> Result<Prediction> {
+        let mut tried = vec![values.to_vec()];
+        for (k, unknown) in self.unknowns.iter().enumerate() {
+            // Away from the upper bound.
+            let theta = unknown.theta(values[k]);
+            let above = theta + SWING_DIFFERENCE;
+            let other = match above < unknown.theta(unknown.bounds[1]) {
+                true => above,
+                false => theta - SWING_DIFFERENCE,
+            };
+            let mut changed = values.to_vec();
+            changed[k] = unknown.value(other);
+            tried.push(changed);
+        }
+        let found = on_threads(tried.len(), |n| {
+            let (scene, mesh) = self.with_values(&tried[n]);
+            recorded.swing((self.gpu, &scene, &mesh), 1, progress)
+        });
+        let found = found.into_iter().collect::<Result<Vec<_>>>()?;
+        let numbers = found[0].clone();
+        let slopes = (0..numbers.len()).map(|i| {
+            let by = |k: usize| {
+                let change = tried[k + 1][k] - values[k];
+                (found[k + 1][i] - numbers[i]) / change
+            };
+            (0..self.unknowns.len()).map(by).collect()
+        });
+        Ok(Prediction {
+            slopes: slopes.collect(),
+            numbers,
+        })
+    }
+
+    /// As [`MeasuredBody::predict`], and for each number its derivatives by the logarithm of the stiffness
     /// of each element.
     ///
     /// # Errors
@@ -237,13 +395,12 @@ impl<'a> PressedBody<'a> {
         Ok((prediction, by_element))
     }
 
-    /// All places, with the radii of the fingertips.
+    /// All places that were pressed, with the radii of the fingertips.
     fn places(&self) -> Vec<(f64, &Place)> {
-        let all = self.experiments.iter().flat_map(|experiment| {
-            let places = experiment.places.iter();
-            places.map(|place| (experiment.radius, place))
-        });
-        all.collect()
+        let presses = self.experiments.iter().filter_map(BodyExperiment::presses);
+        presses
+            .flat_map(|presses| presses.places.iter().map(|place| (presses.radius, place)))
+            .collect()
     }
 
     /// Returns the numbers of places with these forces, and `count` derivatives of each.
@@ -385,6 +542,7 @@ impl<'a> PressedBody<'a> {
             let parameter = match unknown.kind {
                 Kind::Young(_) => Parameter::Young { tets: tets() },
                 Kind::Poisson(_) => Parameter::Poisson { tets: tets() },
+                Kind::Density(_) => Parameter::Density { tets: tets() },
                 _ => continue,
             };
             chain.terms[k].push((chain.parameters.len(), 1.0));
@@ -452,7 +610,7 @@ impl FactorSlope {
             Kind::LumpPosition(axis) => self.by_middle.dot(DVec3::AXES[*axis]),
             Kind::LumpDiameter => self.by_diameter,
             Kind::LumpContrast => self.by_contrast,
-            Kind::Young(_) | Kind::Poisson(_) => 0.0,
+            Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_) | Kind::DampingRatio => 0.0,
         }
     }
 }
@@ -467,4 +625,36 @@ impl Chain {
         };
         self.terms.iter().map(of).collect()
     }
+}
+
+/// Returns `of(0)`, `of(1)` … on as many threads as there are cores: each may wait for a simulator, which
+/// a pool's threads must not.
+fn on_threads<T: Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let threads = match cfg!(target_arch = "wasm32") {
+        true => 1,
+        false => std::thread::available_parallelism().map_or(1, usize::from),
+    };
+    let (next, found) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let work = || {
+        loop {
+            let n = next.fetch_add(1, Ordering::Relaxed);
+            if n >= count {
+                return;
+            }
+            let one = of(n);
+            found
+                .lock()
+                .unwrap_or_else(|e| e.into_inner())
+                .push((n, one));
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..threads.min(count) {
+            scope.spawn(work);
+        }
+        work();
+    });
+    let mut found = found.into_inner().unwrap_or_else(|e| e.into_inner());
+    found.sort_by_key(|(n, _)| *n);
+    found.into_iter().map(|(_, one)| one).collect()
 }

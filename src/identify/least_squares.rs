@@ -1,7 +1,7 @@
 //! Weighted least squares by Levenberg and Marquardt's method, within bounds (Moré 1978, "The
 //! Levenberg–Marquardt algorithm: implementation and theory").
 
-use super::forward::{Prediction, PressedBody};
+use super::forward::{MeasuredBody, Prediction};
 use super::unknown::ScaledUnknown;
 use crate::{Error, ProgressFn, Result};
 use nalgebra::{DMatrix, DVector};
@@ -29,13 +29,13 @@ pub(super) type OnStep<'a> = &'a mut dyn FnMut(u32, f64, &[f64]) -> Result<()>;
 
 /// The body, and how to stop.
 pub(super) struct Model<'a, 'b> {
-    pub body: &'a PressedBody<'b>,
+    pub body: &'a MeasuredBody<'b>,
     pub progress: ProgressFn<'a>,
 }
 
 /// Values at the start.
 pub(super) struct Start {
-    theta: DVector<f64>,
+    pub theta: DVector<f64>,
 }
 
 impl Start {
@@ -164,7 +164,10 @@ pub(super) fn distinct(sorted: &[Solution]) -> Vec<Solution> {
 
 impl Model<'_, '_> {
     /// Returns residuals and derivatives at θ, which is moved into the bounds.
-    fn at(&self, theta: &DVector<f64>) -> Result<Solution> {
+    ///
+    /// # Errors
+    /// Those of the predictions.
+    pub fn at(&self, theta: &DVector<f64>) -> Result<Solution> {
         let unknowns = self.body.unknowns();
         let values: Vec<f64> = unknowns
             .iter()

@@ -52,11 +52,10 @@ impl Lump {
                 Kind::LumpPosition(k) => lump.middle[k] = *value,
                 Kind::LumpDiameter => lump.diameter = *value,
                 Kind::LumpContrast => lump.contrast = *value,
-                Kind::Young(_) | Kind::Poisson(_) => {}
+                Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_) | Kind::DampingRatio => {}
             }
         }
-        let is_lump = |u: &ScaledUnknown| !matches!(u.kind, Kind::Young(_) | Kind::Poisson(_));
-        found.filter(|_| unknowns.iter().any(is_lump))
+        found.filter(|_| unknowns.iter().any(|unknown| unknown.kind.is_lump()))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Where to look for a lump first: the ball whose stiffness, to first order, explains most of what a body
 //! without one does not.
 
-use super::forward::PressedBody;
+use super::forward::MeasuredBody;
 use super::least_squares::Start;
 use super::lump::Lump;
 use super::unknown::Kind;
@@ -21,7 +21,7 @@ const CHANGES: [f64; 2] = [-0.5, 2.0];
 /// # Errors
 /// As a press.
 pub(super) fn start_at_best_ball(
-    body: &PressedBody,
+    body: &MeasuredBody,
     progress: ProgressFn,
 ) -> Result<Option<Start>> {
     let is_place = |kind: &Kind| matches!(kind, Kind::LumpPosition(_) | Kind::LumpDiameter);
@@ -71,7 +71,7 @@ pub(super) fn start_at_best_ball(
             Kind::LumpPosition(k) => *value = ball.middle[k],
             Kind::LumpDiameter => *value = ball.diameter,
             Kind::LumpContrast => *value = ball.contrast,
-            Kind::Young(_) | Kind::Poisson(_) => {}
+            Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_) | Kind::DampingRatio => {}
         }
     }
     Ok(Some(Start::at(&values, unknowns)))
@@ -85,7 +85,7 @@ fn without(columns: &DMatrix<f64>, x: DVector<f64>) -> DVector<f64> {
 
 /// What a ball has to explain.
 struct Search<'a, 'b> {
-    body: &'a PressedBody<'b>,
+    body: &'a MeasuredBody<'b>,
     /// Of each number the derivatives by the logarithm of the stiffness of each element.
     by_element: &'a [Vec<f64>],
     /// An orthonormal basis of what the moduli explain.

@@ -1,6 +1,6 @@
-//! `palpate identify`: material parameters from measured presses, with intervals.
+//! `palpate identify`: material parameters from measured presses and recordings, with intervals.
 //!
-//! Unknowns are adjusted until the forces that a scene predicts are those that were measured
+//! Unknowns are adjusted until the numbers that a scene predicts are those that were measured
 //! (`least_squares.rs`), with the derivatives of each force by the adjoint method. Laplace's approximation
 //! around the optimum gives intervals, and says which combinations of unknowns the data do not determine
 //! (`uncertainty.rs`).
@@ -11,7 +11,10 @@ mod forward;
 mod least_squares;
 mod lump;
 mod lump_start;
+mod recorded_body;
+mod recording;
 mod report;
+mod swing;
 #[cfg(test)]
 mod tests;
 mod uncertainty;
@@ -24,7 +27,7 @@ pub use unknown::Unknown;
 use crate::gpu::Gpu;
 use crate::scene::Scene;
 use crate::{Error, ProgressFn, Result};
-use forward::PressedBody;
+use forward::MeasuredBody;
 use least_squares::{Model, Start};
 use web_time::Instant;
 
@@ -55,7 +58,8 @@ pub struct IdentifyStep {
     pub values: Vec<f64>,
 }
 
-/// Finds the unknowns of `scene` from measured presses. Calls `on_step` after each step of each start;
+/// Finds the unknowns of `scene` from measurements; without unknowns it compares measured and predicted
+/// numbers. Calls `on_step` after each step of each start;
 /// `progress` gets the stage and its completed fraction.
 ///
 /// # Errors
@@ -70,8 +74,19 @@ pub fn identify(
     progress: ProgressFn,
 ) -> Result<Identified> {
     let clock = Instant::now();
-    let body = PressedBody::new(gpu, scene, data, options)?;
+    let body = MeasuredBody::new(gpu, scene, data, options)?;
     let unknowns = body.unknowns();
+    if unknowns.is_empty() {
+        let now = Model {
+            body: &body,
+            progress,
+        };
+        let now = now.at(&Start::number(0, unknowns).theta)?;
+        return report::compared(&body, &now, options, progress).map(|mut found| {
+            found.seconds = clock.elapsed().as_secs_f64();
+            found
+        });
+    }
     if body.observations().len() < unknowns.len() + usize::from(options.noise.is_none()) {
         return Err(Error::Input(format!(
             "{} measured numbers do not determine {} unknowns{}; give more data (--data), or fewer unknowns",

@@ -2,11 +2,13 @@
 
 use super::IdentifyOptions;
 use super::best_press::best_press;
-use super::forward::PressedBody;
+use super::data::{Place, Presses};
+use super::forward::{BodyExperimentKind, MeasuredBody, UNIT_NOISE};
 use super::least_squares::Solution;
 use super::uncertainty::{PROBABILITY, Uncertainty};
 use super::unknown::{Kind, ScaledUnknown};
-use crate::mesh::TetMesh;
+use crate::accuracy::{mesh_factor, of_order};
+use crate::mesh::{FinerSpace, TetMesh};
 use crate::number_format::{rounded, significant};
 use crate::press::{Press, PressOptions};
 use crate::scene::{Scene, ScenePatch};
@@ -28,7 +30,7 @@ pub struct IdentifiedValue {
     pub low: f64,
     /// The upper end.
     pub high: f64,
-    /// `Pa`, `file units`, or empty.
+    /// `Pa`, `kg/m³`, `file units`, or empty.
     pub unit: &'static str,
     /// Whether the value is at a bound.
     pub at_bound: bool,
@@ -39,8 +41,8 @@ pub struct IdentifiedValue {
 pub struct Residual {
     /// File of the experiment.
     pub experiment: String,
-    /// Whether the numbers are stiffnesses (N/m) instead of forces (N).
-    pub is_map: bool,
+    /// What was measured: `force` (N), `stiffness` (N/m), or a number of a recording.
+    pub quantity: String,
     /// Place, in file units.
     pub at: [f64; 3],
     /// Depth, m.
@@ -109,19 +111,59 @@ pub struct Identified {
     has_lump: bool,
 }
 
+/// Compares measured numbers with those of a body without unknowns.
+///
+/// # Errors
+/// As a press or a motion.
+pub(super) fn compared(
+    body: &MeasuredBody,
+    now: &Solution,
+    options: &IdentifyOptions,
+    progress: ProgressFn,
+) -> Result<Identified> {
+    let (scene, mesh) = body.with_values(&[]);
+    let errors = discretisation_errors(body, (&scene, &mesh), progress)?;
+    let noise = options.noise.unwrap_or(UNIT_NOISE);
+    let rows = now.residuals.len().max(1) as f64;
+    let misfit = (now.sum_of_squares() / rows).sqrt();
+    let mut found = Identified {
+        unknowns: Vec::new(),
+        misfit,
+        noise: options.noise.unwrap_or(UNIT_NOISE * misfit),
+        is_misfit: false,
+        converged: true,
+        discretisation_errors: errors,
+        correlations: Vec::new(),
+        other_optima: Vec::new(),
+        next_press: None,
+        sentences: vec![format!(
+            "measured and predicted numbers differ by {} % (root mean square)",
+            significant(100.0 * noise * misfit)
+        )],
+        seconds: 0.0,
+        residuals: residuals(body, now),
+        scene,
+        mesh,
+        has_lump: false,
+    };
+    let errors = error_sentences(&found.discretisation_errors, "");
+    found.sentences.extend(errors);
+    Ok(found)
+}
+
 /// Describes the optimum `best`; `others` explain the data nearly as well.
 ///
 /// # Errors
 /// As a press.
 pub(super) fn identified(
-    body: &PressedBody,
+    body: &MeasuredBody,
     (best, others): (Solution, Vec<Solution>),
     options: &IdentifyOptions,
     progress: ProgressFn,
 ) -> Result<Identified> {
     if let Some(k) = (0..body.unknowns().len()).find(|k| best.jacobian.column(*k).amax() == 0.0) {
         return Err(Error::Input(format!(
-            "the data do not depend on {}: no measured force changes with it; remove it (--unknown)",
+            "the data do not depend on {}: no measured number changes with it; remove it (--unknown)",
             body.unknowns()[k].name
         )));
     }
@@ -182,85 +224,107 @@ fn unit_of(kind: &Kind) -> &'static str {
     match kind {
         Kind::Young(_) => "Pa",
         Kind::LumpPosition(_) | Kind::LumpDiameter => "file units",
-        Kind::Poisson(_) | Kind::LumpContrast => "",
+        Kind::Density(_) => "kg/m³",
+        Kind::Poisson(_) | Kind::DampingRatio | Kind::LumpContrast => "",
     }
 }
 
-/// Returns the relative error of the force of each experiment at its first place (of a map: the stiffest
-/// one) by the mesh, contact and supports.
+/// Returns the relative error of each experiment by the mesh, contact, supports and steps; `None` where it
+/// is unknown.
 fn discretisation_errors(
-    body: &PressedBody,
+    body: &MeasuredBody,
     (scene, mesh): (&Scene, &TetMesh),
     progress: ProgressFn,
 ) -> Result<Vec<Option<f64>>> {
+    let mut finer = None;
     let mut errors = Vec::new();
     for experiment in &body.experiments {
-        let strength = |k: &usize| {
-            experiment.places[*k]
-                .observed
-                .last()
-                .map_or(0.0, |o| o.value)
-        };
-        let hardest =
-            (0..experiment.places.len()).max_by(|a, b| strength(a).total_cmp(&strength(b)));
-        let Some(place) = hardest.map(|k| &experiment.places[k]) else {
-            errors.push(None);
-            continue;
-        };
-        let metres = body.unit();
-        let wanted = PressOptions {
-            at: Some(place.at),
-            radius: Some(experiment.radius),
-            depth: place.depths.last().map(|depth| depth / metres),
-            ..PressOptions::default()
-        };
-        let pressed =
-            Press::with_mesh(body.gpu, (scene, mesh.clone()), &wanted).and_then(|mut press| {
-                while !press.at_max_depth() {
-                    progress_of(progress)?;
-                    if press.advance()?.is_none() {
-                        break;
-                    }
-                }
-                press.estimate_error(progress)?;
-                Ok(press.report(0.0))
-            });
-        errors.push(match pressed {
-            Ok(report) if experiment.is_map => {
-                let both = report.stiffness_error_n_per_m.zip(report.stiffness_n_per_m);
-                both.map(|(error, stiffness)| error / stiffness)
+        let found = match &experiment.kind {
+            BodyExperimentKind::Presses(presses) => {
+                press_error((body, presses), (scene, mesh), progress)
             }
-            Ok(report) => report
-                .max_force_error_n
-                .map(|error| error / report.max_force_n),
-            Err(Error::Cancelled) => return Err(Error::Cancelled),
+            BodyExperimentKind::Recorded(recorded) => {
+                progress_of(progress)?;
+                if finer.is_none() {
+                    let space = FinerSpace::new(mesh)?.mesh;
+                    finer = Some((of_order(scene, space.order), space));
+                }
+                let own = (body.gpu, scene, mesh);
+                match &finer {
+                    Some((scene, finer)) => {
+                        let better = (scene, finer, mesh_factor(mesh.order));
+                        recorded
+                            .discretisation_error(own, better, progress)
+                            .map(Some)
+                    }
+                    None => Ok(None),
+                }
+            }
+        };
+        errors.push(match found {
             Err(Error::Input(_) | Error::Solver { .. }) => None,
-            Err(other) => return Err(other),
+            found => found?,
         });
     }
     Ok(errors)
+}
+
+/// Returns the relative error of the force at the first place that was pressed, of a map the stiffest one.
+fn press_error(
+    (body, presses): (&MeasuredBody, &Presses),
+    (scene, mesh): (&Scene, &TetMesh),
+    progress: ProgressFn,
+) -> Result<Option<f64>> {
+    let strength = |place: &Place| place.observed.last().map_or(0.0, |o| o.value);
+    let places = presses.places.iter();
+    let Some(place) = places.max_by(|a, b| strength(a).total_cmp(&strength(b))) else {
+        return Ok(None);
+    };
+    let wanted = PressOptions {
+        at: Some(place.at),
+        radius: Some(presses.radius),
+        depth: place.depths.last().map(|depth| depth / body.unit()),
+        ..PressOptions::default()
+    };
+    let mut press = Press::with_mesh(body.gpu, (scene, mesh.clone()), &wanted)?;
+    while !press.at_max_depth() {
+        progress_of(progress)?;
+        if press.advance()?.is_none() {
+            break;
+        }
+    }
+    press.estimate_error(progress)?;
+    let report = press.report(0.0);
+    Ok(match presses.is_map {
+        true => {
+            let both = report.stiffness_error_n_per_m.zip(report.stiffness_n_per_m);
+            both.map(|(error, stiffness)| error / stiffness)
+        }
+        false => {
+            let error = report.max_force_error_n;
+            error.map(|error| error / report.max_force_n)
+        }
+    })
 }
 
 fn progress_of(progress: ProgressFn) -> Result<()> {
     crate::progress::ProgressScope::begin(progress, "estimating the error", 0.9).map(drop)
 }
 
-fn residuals(body: &PressedBody, best: &Solution) -> Vec<Residual> {
+fn residuals(body: &MeasuredBody, best: &Solution) -> Vec<Residual> {
     let mut rows = Vec::new();
     for experiment in &body.experiments {
-        for place in &experiment.places {
-            for observed in &place.observed {
-                let k = rows.len();
-                rows.push(Residual {
-                    experiment: experiment.name.clone(),
-                    is_map: experiment.is_map,
-                    at: place.at.to_array(),
-                    depth_m: observed.depth,
-                    measured: observed.value,
-                    predicted: best.predicted[k],
-                    residual: best.residuals[k],
-                });
-            }
+        for observed in experiment.observed() {
+            let k = rows.len();
+            rows.push(Residual {
+                experiment: experiment.name.clone(),
+                quantity: observed.quantity.clone(),
+                at: observed.at.to_array(),
+                depth_m: observed.depth,
+                measured: observed.value,
+                predicted: best.predicted[k],
+                residual: best.residuals[k],
+            });
         }
     }
     rows
@@ -309,19 +373,10 @@ fn sentences(
                 .into(),
         );
     }
-    for (k, error) in found.discretisation_errors.iter().enumerate() {
-        all.push(match error {
-            Some(error) => format!(
-                "experiment {} has a discretisation error of {:.1} %, which the intervals include",
-                k + 1,
-                100.0 * error
-            ),
-            None => format!(
-                "the discretisation error of experiment {} is unknown; the intervals leave it out",
-                k + 1
-            ),
-        });
-    }
+    all.extend(error_sentences(
+        &found.discretisation_errors,
+        ", which the intervals include",
+    ));
     for other in &found.other_optima {
         let values: Vec<String> = other.iter().map(|x| significant(*x)).collect();
         all.push(format!(
@@ -339,6 +394,29 @@ fn sentences(
         )
     }));
     all
+}
+
+/// Returns the discretisation errors in sentences.
+fn error_sentences<'a>(
+    errors: &'a [Option<f64>],
+    included: &'a str,
+) -> impl Iterator<Item = String> + 'a {
+    errors.iter().enumerate().map(move |(k, error)| {
+        let number = k + 1;
+        match error {
+            Some(error) => format!(
+                "experiment {number} has a discretisation error of {:.1} %{included}",
+                100.0 * error
+            ),
+            None => format!(
+                "the discretisation error of experiment {number} is unknown{}",
+                match included.is_empty() {
+                    true => "",
+                    false => "; the intervals leave it out",
+                }
+            ),
+        }
+    })
 }
 
 /// Formats a combination: a product of powers for unknowns with logarithmic scales, a sum otherwise.

@@ -1,7 +1,7 @@
 //! Derivatives of predicted numbers against central differences, and twins.
 #![allow(clippy::unwrap_used)]
 
-use super::forward::PressedBody;
+use super::forward::MeasuredBody;
 use super::*;
 use crate::no_progress;
 use glam::DVec3;
@@ -46,7 +46,7 @@ fn data() -> Vec<Experiment> {
 fn derivative_error(names: &[&str], values: &[f64], step: f64) -> f64 {
     let gpu = gpu();
     let scene = Scene::parse(LAYERS).unwrap();
-    let body = PressedBody::new(&gpu, &scene, &data(), &options(names)).unwrap();
+    let body = MeasuredBody::new(&gpu, &scene, &data(), &options(names)).unwrap();
     let found = body.predict(values, &no_progress).unwrap();
     let mut worst = 0.0f64;
     for k in 0..values.len() {
@@ -109,13 +109,16 @@ fn lump_of_twin_is_found() {
         ..options(&["material.young", "lump"])
     };
     let truth = [2e4, 0.058, 0.045, 0.075, 0.04, 4.0];
-    let body = PressedBody::new(&gpu, &scene, &twin, &wanted).unwrap();
+    let body = MeasuredBody::new(&gpu, &scene, &twin, &wanted).unwrap();
     let measured = body.predict(&truth, &no_progress).unwrap().numbers;
     let mut numbers = measured.iter();
-    for place in twin
+    let presses = twin
         .iter_mut()
-        .flat_map(|experiment| &mut experiment.places)
-    {
+        .map(|experiment| match &mut experiment.kind {
+            data::ExperimentKind::Presses(presses) => presses,
+            data::ExperimentKind::Recording(_) => unreachable!(),
+        });
+    for place in presses.flat_map(|presses| &mut presses.places) {
         for observed in &mut place.observed {
             observed.value = *numbers.next().unwrap();
             observed.scale = observed.value;
@@ -187,4 +190,169 @@ fn unsuited_data_are_rejected() {
     ] {
         assert!(Experiment::curve("wrong", place, samples).is_err());
     }
+}
+
+/// A clamped beam with a weight at its tip, coarse enough to swing for seconds in a test.
+const BEAM: &str = "[mesh]\ngenerate = \"bar\"\ntets = 80\n[material]\nmodel = \"neo-hookean\"\n\
+    young = 1e5\npoisson = 0.4\ndensity = 1000\norder = 1\ndamping_ratio = 0.08\ndamping_hz = 4\n\
+    [solver]\nname = \"bdf2\"\nengine = \"cpu\"\ndt = 0.0025\ngravity = [0.0, 0.0, -9.81]\n\
+    [[pin]]\naxis = \"x\"\nbelow = 0.001\n";
+const WEIGHT: &str = "[[mass]]\non = { x_above = 0.1199, z_above = 0.0599 }\nkg = 0.1\n";
+
+/// Runs the beam from its straight shape until it hangs still, and writes the positions of two markers in
+/// millimetres, in a frame whose axes are z, −y and x of the body, and the file that describes them.
+fn record(folder: &std::path::Path) -> [std::path::PathBuf; 2] {
+    let markers = [DVec3::new(0.12, 0.03, 0.065), DVec3::new(0.12, 0.0, 0.0)];
+    let scene = Scene::parse(&format!("{BEAM}{WEIGHT}")).unwrap();
+    let mut stage = crate::scene::Stage::new(&gpu(), &scene).unwrap();
+    let shares = crate::mesh::BarycentricMap::new(stage.mesh(), &markers).unwrap();
+    let mut text = String::from("time_s,a_x_mm,a_y_mm,a_z_mm,b_x_mm,b_y_mm,b_z_mm\n");
+    let motion = stage.motion_mut().unwrap();
+    motion.set_sleep_allowed(false);
+    for row in 0..320 {
+        if row > 10 {
+            motion.run(4, &mut |_| {}).unwrap();
+        }
+        let moved = shares.apply(&motion.positions().unwrap()).unwrap();
+        text += &format!("{}", 0.01 * f64::from(row));
+        for p in moved {
+            // The beam's x, y and z are along z, −y and x of the file.
+            text += &format!(",{},{},{}", 1e3 * p.z, -1e3 * p.y + 7.0, 1e3 * p.x);
+        }
+        text += "\n";
+    }
+    std::fs::write(folder.join("take.csv"), text).unwrap();
+    let about = "takes = [\"take.csv\"]\nstraight = [0.0, 0.1]\nat_rest = [3.0, 3.2]\naxes = [\"z\", \"-y\", \"x\"]\n";
+    let marked = |name: &str, at: DVec3| {
+        format!(
+            "[[marker]]\nname = \"{name}\"\nat = [{}, {}, {}]\n",
+            at.x, at.y, at.z
+        )
+    };
+    let all = marked("a", markers[0]) + &marked("b", markers[1]) + WEIGHT;
+    let files = ["rest.toml", "swing.toml"].map(|name| folder.join(name));
+    std::fs::write(&files[0], format!("{about}{all}")).unwrap();
+    std::fs::write(&files[1], format!("{about}swing = \"a\"\n{all}")).unwrap();
+    files
+}
+
+/// Modulus from markers at rest, and modulus and damping from their swing, by files of a recording that
+/// another run has written; derivatives against differences.
+#[test]
+fn recording_of_twin_is_explained() {
+    let folder = tempfile::tempdir().unwrap();
+    let [rest, swing] = record(folder.path());
+    let gpu = gpu();
+    let scene = Scene::parse(&BEAM.replace("young = 1e5", "young = 5e4")).unwrap();
+    let mut on_step = |step: &IdentifyStep| {
+        println!("{step:?}");
+        Ok(())
+    };
+    let at_rest = Experiment::read(&rest).unwrap();
+    let wanted = options(&["material.young"]);
+    let found = identify(&gpu, &scene, &at_rest, &wanted, &mut on_step, &no_progress).unwrap();
+    println!("{}", found.sentences.join("\n"));
+    let young = &found.unknowns[0];
+    assert!((young.value / 1e5 - 1.0).abs() < 2e-3, "{young:?}");
+    assert_eq!(found.residuals.len(), 6);
+
+    // Density and modulus at rest: only their ratio, but the derivative of each.
+    let names = ["material.young", "material.density", "material.poisson"];
+    let exact = BEAM.replace("dt = 0.0025", "dt = 0.0025\ntolerance = 1e-10");
+    let body = MeasuredBody::new(
+        &gpu,
+        &Scene::parse(&exact).unwrap(),
+        &at_rest,
+        &options(&names),
+    )
+    .unwrap();
+    let values = [1e5, 1000.0, 0.4];
+    let own = body.predict(&values, &no_progress).unwrap();
+    for (k, value) in values.into_iter().enumerate() {
+        let at = |by: f64| {
+            let mut other = values;
+            other[k] += by * value;
+            body.predict(&other, &no_progress).unwrap().numbers
+        };
+        let (low, high) = (at(-1e-4), at(1e-4));
+        let largest = own
+            .slopes
+            .iter()
+            .map(|row| row[k].abs())
+            .fold(0.0, f64::max);
+        let pairs = own.slopes.iter().zip(low.iter().zip(&high));
+        let off = pairs.map(|(row, (low, high))| (row[k] - (high - low) / (2e-4 * value)).abs());
+        let worst = off.fold(0.0, f64::max) / largest;
+        println!("{}: {worst:.1e}", names[k]);
+        assert!(worst < 2e-6, "{}: {worst}", names[k]);
+    }
+
+    let mut scene = scene;
+    scene.material.damping_ratio = Some(0.03);
+    let swings = Experiment::read(&swing).unwrap();
+    let wanted = IdentifyOptions {
+        noise: Some(0.02),
+        ..options(&["material.young", "material.damping_ratio"])
+    };
+    let truth = Scene::parse(BEAM).unwrap();
+    let compared = identify(
+        &gpu,
+        &truth,
+        &swings,
+        &options(&[]),
+        &mut on_step,
+        &no_progress,
+    );
+    let compared = compared.unwrap();
+    assert!(compared.unknowns.is_empty() && compared.residuals.len() == 2);
+    assert!(
+        compared.sentences[0].contains("differ by 0."),
+        "{:?}",
+        compared.sentences
+    );
+    // Two numbers of one take determine two unknowns.
+    let found = identify(&gpu, &scene, &swings, &wanted, &mut on_step, &no_progress).unwrap();
+    println!("{}", found.sentences.join("\n"));
+    let [young, damping] = &found.unknowns[..] else {
+        panic!("{:?}", found.unknowns);
+    };
+    assert!((young.value / 1e5 - 1.0).abs() < 0.005, "{young:?}");
+    assert!((damping.value / 0.08 - 1.0).abs() < 0.03, "{damping:?}");
+    assert!((damping.low..=damping.high).contains(&0.08), "{damping:?}");
+
+    let refused = |what: &str, with: &str, why: &str| {
+        let text = std::fs::read_to_string(&rest).unwrap();
+        assert!(text.contains(what));
+        let file = folder.path().join("wrong.toml");
+        std::fs::write(&file, text.replace(what, with)).unwrap();
+        let all = Experiment::read(&file).and_then(|data| {
+            identify(
+                &gpu,
+                &scene,
+                &data,
+                &options(&["material.young"]),
+                &mut |_| Ok(()),
+                &no_progress,
+            )
+        });
+        let said = all.unwrap_err().to_string();
+        assert!(said.contains(why), "{said}");
+    };
+    refused(
+        "at_rest = [3.0, 3.2]",
+        "at_rest = [8.0, 9.0]",
+        "no row with all markers is between 8 and 9 s",
+    );
+    refused("\"-y\"", "\"y\"", "right-handed");
+    refused(
+        "name = \"b\"",
+        "name = \"c\"",
+        "the marker c has no columns",
+    );
+    refused(
+        "straight = [0.0, 0.1]",
+        "straight = [0.0, 0.1]\nswing = \"z\"",
+        "is no [[marker]]",
+    );
+    refused("takes = [\"take.csv\"]", "takes = []", "needs `takes`");
 }

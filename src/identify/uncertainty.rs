@@ -1,6 +1,6 @@
 //! Laplace's approximation: intervals, correlations and combinations that the data do not determine.
 
-use super::forward::PressedBody;
+use super::forward::MeasuredBody;
 use super::least_squares::Solution;
 use super::unknown::ScaledUnknown;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -37,7 +37,7 @@ impl Uncertainty {
     /// Calculates the uncertainty of an optimum, whose numbers have the discretisation errors
     /// `relative` (of each experiment).
     pub fn new(
-        body: &PressedBody,
+        body: &MeasuredBody,
         best: &Solution,
         noise: Option<f64>,
         relative: &[f64],
@@ -116,7 +116,7 @@ impl Uncertainty {
 /// Returns by how much each θ changes if all numbers of an experiment are off by its relative error: the
 /// sum over the experiments.
 fn shift(
-    body: &PressedBody,
+    body: &MeasuredBody,
     best: &Solution,
     (own, relative): (&SymmetricEigen<f64, nalgebra::Dyn>, &[f64]),
 ) -> DVector<f64> {
@@ -130,11 +130,7 @@ fn shift(
     let mut total = DVector::zeros(best.theta.len());
     let mut row = 0;
     for (experiment, error) in body.experiments.iter().zip(relative) {
-        let count: usize = experiment
-            .places
-            .iter()
-            .map(|place| place.observed.len())
-            .sum();
+        let count = experiment.observed().len();
         let mut off = DVector::zeros(sigma.len());
         for i in row..row + count {
             off[i] = error * best.predicted[i] / sigma[i];

@@ -3,9 +3,12 @@
 use crate::scene::Scene;
 use crate::{Error, Result};
 
-/// Bounds of Young's modulus, Pa; of Poisson's ratio; and of the stiffness ratio of a lump.
+/// Bounds of Young's modulus, Pa; of Poisson's ratio; of density, kg/m³; of the damping ratio; and of the
+/// stiffness ratio of a lump.
 const YOUNG_BOUNDS: [f64; 2] = [1.0, 1e11];
 const POISSON_BOUNDS: [f64; 2] = [0.0, 0.495];
+const DENSITY_BOUNDS: [f64; 2] = [1.0, 3e4];
+const DAMPING_BOUNDS: [f64; 2] = [1e-4, 2.0];
 const CONTRAST_BOUNDS: [f64; 2] = [0.02, 100.0];
 /// Bounds of the diameter of a lump relative to the largest extent of the body.
 const DIAMETER_BOUNDS: [f64; 2] = [0.01, 0.8];
@@ -23,12 +26,26 @@ pub(super) enum Kind {
     Young(Option<String>),
     /// Poisson's ratio of it.
     Poisson(Option<String>),
+    /// Density of it.
+    Density(Option<String>),
+    /// Damping ratio of the body at the frequency of the scene.
+    DampingRatio,
     /// A coordinate of the middle of a stiff or soft ball, in file units.
     LumpPosition(usize),
     /// Its diameter, in file units.
     LumpDiameter,
     /// The ratio of its stiffness to that of the tissue around it.
     LumpContrast,
+}
+
+impl Kind {
+    /// Whether it is a number of a lump.
+    pub fn is_lump(&self) -> bool {
+        matches!(
+            self,
+            Kind::LumpPosition(_) | Kind::LumpDiameter | Kind::LumpContrast
+        )
+    }
 }
 
 /// A number of a scene that is identified.
@@ -45,7 +62,8 @@ pub struct Unknown {
 
 impl Unknown {
     /// Parses the name of an unknown: `material.young`, `material.TISSUE.young`, `material.poisson`,
-    /// `material.TISSUE.poisson`, or `lump`, a ball with another stiffness, for the five unknowns `lump.x`,
+    /// `material.TISSUE.poisson`, `material.density`, `material.TISSUE.density`, `material.damping_ratio`
+    /// (at the scene's `damping_hz`), or `lump`, a ball with another stiffness, for the five unknowns `lump.x`,
     /// `lump.y`, `lump.z`, `lump.diameter` and `lump.contrast`.
     ///
     /// # Errors
@@ -63,6 +81,9 @@ impl Unknown {
         Ok(match words[..] {
             ["material", "young"] => one(Kind::Young(None)),
             ["material", "poisson"] => one(Kind::Poisson(None)),
+            ["material", "density"] => one(Kind::Density(None)),
+            ["material", "damping_ratio"] => one(Kind::DampingRatio),
+            ["material", tissue, "density"] => one(Kind::Density(Some(tissue.to_owned()))),
             ["material", tissue, "young"] => one(Kind::Young(Some(tissue.to_owned()))),
             ["material", tissue, "poisson"] => one(Kind::Poisson(Some(tissue.to_owned()))),
             ["lump"] => {
@@ -77,7 +98,7 @@ impl Unknown {
             ["lump", "contrast"] => one(Kind::LumpContrast),
             _ => {
                 return Err(Error::Input(format!(
-                    "unknown \"{name}\" cannot be identified; expected material.young, material.TISSUE.young, material.poisson, material.TISSUE.poisson, or lump"
+                    "unknown \"{name}\" cannot be identified; expected material.young, material.TISSUE.young, material.poisson, material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio, or lump"
                 )));
             }
         })
@@ -120,6 +141,12 @@ impl ScaledUnknown {
                 scene.material.poisson_of_tissue(tissue.as_deref())?,
                 Some(POISSON_SCALE),
             ),
+            Kind::Density(tissue) => (
+                DENSITY_BOUNDS,
+                scene.material.density_of(tissue.as_deref())?,
+                None,
+            ),
+            Kind::DampingRatio => (DAMPING_BOUNDS, scene.material.damping_ratio_at()?, None),
             Kind::LumpPosition(k) => (
                 [low[*k], high[*k]],
                 0.5 * (low[*k] + high[*k]),
@@ -189,7 +216,7 @@ mod tests {
         };
         assert_eq!(names("material.fat.young"), ["material.fat.young"]);
         assert_eq!(names("lump").len(), 5);
-        for wrong in ["", "young", "material.fat.density", "lump.depth"] {
+        for wrong in ["", "young", "material.fat.damping_ratio", "lump.depth"] {
             let why = Unknown::parse(wrong).unwrap_err().to_string();
             assert!(why.contains("expected material.young"), "{why}");
         }

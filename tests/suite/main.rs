@@ -10,6 +10,7 @@ mod cases;
 mod cli;
 mod generate;
 mod gpu;
+mod identify;
 mod io;
 mod mesh;
 mod mesher;

@@ -48,6 +48,32 @@ impl MaterialEntry {
         }
     }
 
+    /// As [`MaterialEntry::young_of`], for the density, kg/m³.
+    pub(crate) fn density_of(&self, tissue: Option<&str>) -> Result<f64> {
+        match tissue {
+            Some(name) => Ok(self.tissue(name)?.parameters(name, self)?.density),
+            None => Ok(self.density.unwrap_or(Material::soft_tissue().density)),
+        }
+    }
+
+    /// As [`MaterialEntry::set_young`], for the density, kg/m³.
+    pub(crate) fn set_density(&mut self, tissue: Option<&str>, density: f64) {
+        match tissue {
+            None => self.density = Some(density),
+            Some(name) => self.change_tissue(name, |table| table.density = Some(density)),
+        }
+    }
+
+    /// Returns the damping ratio.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without one, whose reference frequency is part of it.
+    pub(crate) fn damping_ratio_at(&self) -> Result<f64> {
+        self.damping_ratio.filter(|_| self.damping_hz.is_some()).ok_or_else(|| {
+            Error::Input("a damping ratio is identified at a frequency; set one and a first value in the scene ([material] damping_ratio = 0.05, damping_hz = 5)".into())
+        })
+    }
+
     fn tissue(&self, name: &str) -> Result<&TissueEntry> {
         self.tissues.get(name).ok_or_else(|| {
             let known: Vec<&str> = self.tissues.keys().map(String::as_str).collect();
