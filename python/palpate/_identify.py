@@ -1,4 +1,4 @@
-"""Material parameters from measured presses."""
+"""Material parameters from measured presses and recordings."""
 
 from __future__ import annotations
 
@@ -59,7 +59,8 @@ class StiffnessMap:
     unit: float = 1.0
 
 
-#: What is measured: a press, or the files of one (see ``palpate identify``).
+#: What is measured: a press, the files of one, or the file of a recording of markers (``.toml``; see
+#: ``palpate identify``).
 Measurement = PressCurve | StiffnessMap | Press | PathOf
 
 
@@ -73,8 +74,9 @@ class Identified:
         sentences: the results in words: intervals, what the data do not determine, misfits.
         report: content of ``identified.json``: ``unknowns, misfit, noise, is_misfit, converged,
             discretisation_errors, correlations, other_optima, next_press, seconds``.
-        residuals: a row for each measured number: ``experiment, at, depth_m, measured, predicted,
-            residual``.
+        residuals: a row for each measured number: ``experiment, quantity, at, depth_m, measured,
+            predicted, residual``; ``quantity`` is ``force`` (N), ``stiffness`` (N/m), or a number of a
+            recording with its unit.
         scene: scene with the values.
     """
 
@@ -89,7 +91,7 @@ class Identified:
 def identify(
     body: BodyLike,
     data: Measurement | Sequence[Measurement],
-    unknown: str | Sequence[str],
+    unknown: str | Sequence[str] = (),
     *,
     noise: float | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -99,13 +101,15 @@ def identify(
     adapter: str | None = None,
     progress: Progress | None = None,
 ) -> Identified:
-    """Finds material parameters from measured presses, as ``palpate identify``.
+    """Finds material parameters from measurements, as ``palpate identify``.
 
     Args:
         body: mesh, body, scene of one body, or path of a file.
         data: measurements of the body, or one.
         unknown: names of the unknowns: ``material.young``, ``material.TISSUE.young``,
-            ``material.poisson``, ``material.TISSUE.poisson``, or ``lump``, a ball with another stiffness.
+            ``material.poisson``, ``material.TISSUE.poisson``, ``material.density``,
+            ``material.TISSUE.density``, ``material.damping_ratio``, or ``lump``, a ball with another
+            stiffness. Without any, measured and predicted numbers are compared.
         noise: standard deviation of the measured numbers, such as 0.02: of a curve relative to its largest
             force, of a map relative to each stiffness; default: estimated from the residuals.
         bounds: lower and upper bounds of unknowns.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -45,3 +47,26 @@ def test_identify_rejects_unsuited_data() -> None:
         palpate.identify(block(6e3), curve, "young")
     with pytest.raises(palpate.InputError, match="is no unknown"):
         palpate.identify(block(6e3), curve, "material.young", bounds={"lump.x": (0, 1)})
+
+
+def test_recording_of_markers_is_read_and_compared(tmp_path: Path) -> None:
+    # A marker on top of a block that stands on the ground and is compressed by its weight.
+    rows = [f"{0.1 * k},50,50,{100 if k < 5 else 97}" for k in range(20)]
+    (tmp_path / "take.csv").write_text("\n".join(["time_s,top_x_mm,top_y_mm,top_z_mm", *rows, ""]))
+    recording = tmp_path / "recording.toml"
+    recording.write_text(
+        'takes = ["take.csv"]\nstraight = [0, 0.45]\nat_rest = [1, 2]\naxes = ["x", "y", "z"]\n'
+        '[[marker]]\nname = "top"\nat = [0.05, 0.05, 0.1]\n'
+    )
+    material = {"young": 1e4, "poisson": 0.3, "order": 1, "density": 1000}
+    solver = {"name": "implicit", "engine": "cpu", "gravity": [0, 0, -9.81]}
+    mesh = {"generate": "box", "tets": 600}
+    pin = [{"axis": "z", "below": 0.01}]
+    scene = palpate.Scene({"mesh": mesh, "material": material, "solver": solver, "pin": pin})
+    compared = palpate.identify(scene, recording)
+    assert [row["quantity"] for row in compared.residuals] == ["top x (m)", "top y (m)", "top z (m)"]
+    assert compared.residuals[2]["measured"] == pytest.approx(-0.003)
+    assert compared.values == {}
+    found = palpate.identify(scene, recording, "material.young", noise=0.02)
+    # Nearly ρ g L² / 2 E, with the sides free and the bottom fixed.
+    assert found.values["material.young"] == pytest.approx(1e3 * 9.81 * 0.01 / 2 / 0.003, rel=0.15)

@@ -206,17 +206,11 @@ fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
     for (k, name) in names.iter().enumerate() {
         let own = || found.residuals.iter().filter(|row| row.experiment == *name);
         if !has_curve {
-            let mut quantities: Vec<&str> = own().map(|row| row.quantity.as_str()).collect();
-            quantities.sort_unstable();
-            quantities.dedup();
-            for quantity in quantities {
-                let rows = own().filter(|row| row.quantity == quantity);
-                series.push(Series::new(
-                    format!("{quantity}, {}", k + 1),
-                    SeriesStyle::Marks,
-                    rows.map(|row| [row.measured, row.predicted]).collect(),
-                ));
-            }
+            series.push(Series::new(
+                format!("experiment {}", k + 1),
+                SeriesStyle::Marks,
+                own().map(|row| [row.measured, row.predicted]).collect(),
+            ));
             continue;
         }
         let rows = || own().filter(are_forces);
@@ -237,6 +231,14 @@ fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
             predicted,
         ));
     }
+    if !has_curve {
+        let measured = found.residuals.iter().map(|row| row.measured);
+        let [low, high] = measured.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
+            [low.min(x), high.max(x)]
+        });
+        let equal = vec![[low, low], [high, high]];
+        series.push(Series::new("equal".to_owned(), SeriesStyle::Line, equal));
+    }
     let values = found.unknowns.iter();
     let values: Vec<String> = values
         .map(|value| {
@@ -253,7 +255,10 @@ fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
         false => ["measured", "predicted"],
     };
     Chart {
-        title: values.join(", "),
+        title: match values.is_empty() {
+            true => "measured and predicted numbers".to_owned(),
+            false => values.join(", "),
+        },
         x: Axis::linear(x),
         y: Axis::linear(y),
         series,
