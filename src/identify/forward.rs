@@ -1,31 +1,22 @@
 //! The numbers that a scene predicts for the experiments, and their derivatives by the unknowns.
 
 use super::IdentifyOptions;
-use super::data::{Experiment, ExperimentKind, Observed, Place, Presses};
-use super::lump::{FACTOR_FIELD, FactorSlope, Lump, LumpElements};
+use super::data::{Experiment, ExperimentKind, Observed, Presses};
+use super::lump::{FACTOR_FIELD, Lump, LumpElements};
 use super::recorded_body::RecordedBody;
 use super::unknown::{Kind, ScaledUnknown};
 use crate::accuracy::of_order;
 use crate::gpu::Gpu;
 use crate::mesh::{ElementOrder, TetMesh};
-use crate::physics::{Gradient, Parameter, Simulator};
 use crate::press::Presser;
-use crate::progress::ProgressScope;
 use crate::scene::{AccuracyEntry, OrderChoice, Scene};
 use crate::{Error, ProgressFn, Result, no_progress};
 use glam::DVec3;
-use std::cell::OnceCell;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc;
 
 /// Noise for which standard deviations are calculated if none is stated; it is estimated then.
 pub(super) const UNIT_NOISE: f64 = 0.01;
 /// Depths beyond this part of the smallest extent of a body are taken for an error of units.
 const MAX_DEPTH: f64 = 0.9;
-
-/// Change of θ of the differences of a swing.
-const SWING_DIFFERENCE: f64 = 0.02;
 
 /// Predicted numbers, and for each its derivative by each unknown.
 pub(super) struct Prediction {
@@ -70,22 +61,15 @@ pub(super) struct MeasuredBody<'a> {
     pub gpu: &'a Gpu,
     scene: Scene,
     mesh: TetMesh,
-    unknowns: Vec<ScaledUnknown>,
+    pub(super) unknowns: Vec<ScaledUnknown>,
     pub experiments: Vec<BodyExperiment>,
     observations: Vec<Observed>,
     sigma: Vec<f64>,
-    lump: LumpElements,
+    pub(super) lump: LumpElements,
     /// The tets of each unknown of a tissue.
-    tets: Vec<Vec<u32>>,
+    pub(super) tets: Vec<Vec<u32>>,
     /// Metres per file unit.
     unit: f64,
-}
-
-/// One number's parameters: which of the engine's parameters it takes, with factors.
-struct Chain {
-    parameters: Vec<Parameter>,
-    /// For each unknown, numbers of parameters with factors.
-    terms: Vec<Vec<(usize, f64)>>,
 }
 
 impl<'a> MeasuredBody<'a> {
@@ -253,7 +237,7 @@ impl<'a> MeasuredBody<'a> {
         self.unit
     }
 
-    fn lump_of(&self, values: &[f64]) -> Option<Lump> {
+    pub(super) fn lump_of(&self, values: &[f64]) -> Option<Lump> {
         Lump::of(&self.unknowns, values, self.mesh.bounds())
     }
 
@@ -316,282 +300,6 @@ impl<'a> MeasuredBody<'a> {
         Ok(all)
     }
 
-    /// Predicts a recording at rest, with derivatives by the adjoint method.
-    fn predict_rest(&self, recorded: &RecordedBody, values: &[f64]) -> Result<Prediction> {
-        let (scene, mesh) = self.with_values(values);
-        let chain = OnceCell::new();
-        let found = recorded.at_rest((self.gpu, &scene, &mesh), &|simulator| {
-            let own = self.chain((values, false), simulator)?;
-            let parameters = own.parameters.clone();
-            chain.set(own).ok();
-            Ok(parameters)
-        })?;
-        let slopes = |gradient: &Gradient| {
-            let chain = chain.get();
-            chain.map_or(Vec::new(), |chain| chain.by_unknowns(&gradient.derivatives))
-        };
-        Ok(Prediction {
-            slopes: found.iter().map(slopes).collect(),
-            numbers: found.iter().map(|gradient| gradient.value).collect(),
-        })
-    }
-
-    /// Predicts a swing, with derivatives by differences: a swing has few numbers, each of a whole motion.
-    fn predict_swing(
-        &self,
-        recorded: &RecordedBody,
-        values: &[f64],
-        progress: ProgressFn,
-    ) -> Result<Prediction> {
-        let mut tried = vec![values.to_vec()];
-        for (k, unknown) in self.unknowns.iter().enumerate() {
-            // Away from the upper bound.
-            let theta = unknown.theta(values[k]);
-            let above = theta + SWING_DIFFERENCE;
-            let other = match above < unknown.theta(unknown.bounds[1]) {
-                true => above,
-                false => theta - SWING_DIFFERENCE,
-            };
-            let mut changed = values.to_vec();
-            changed[k] = unknown.value(other);
-            tried.push(changed);
-        }
-        let found = on_threads(tried.len(), |n| {
-            let (scene, mesh) = self.with_values(&tried[n]);
-            recorded.swing((self.gpu, &scene, &mesh), 1, progress)
-        });
-        let found = found.into_iter().collect::<Result<Vec<_>>>()?;
-        let numbers = found[0].clone();
-        let slopes = (0..numbers.len()).map(|i| {
-            let by = |k: usize| {
-                let change = tried[k + 1][k] - values[k];
-                (found[k + 1][i] - numbers[i]) / change
-            };
-            (0..self.unknowns.len()).map(by).collect()
-        });
-        Ok(Prediction {
-            slopes: slopes.collect(),
-            numbers,
-        })
-    }
-
-    /// As [`MeasuredBody::predict`], and for each number its derivatives by the logarithm of the stiffness
-    /// of each element.
-    ///
-    /// # Errors
-    /// As a press.
-    pub fn predict_by_elements(
-        &self,
-        values: &[f64],
-        progress: ProgressFn,
-    ) -> Result<(Prediction, Vec<Vec<f64>>)> {
-        let places = self.places();
-        let found = self.press_all((values, true), &places, progress)?;
-        let count = self.unknowns.len();
-        let all = count + self.lump.tets().len();
-        let mut prediction = self.prediction(&places, found, all)?;
-        let rows = prediction.slopes.iter_mut();
-        let by_element = rows.map(|row| row.split_off(count)).collect();
-        Ok((prediction, by_element))
-    }
-
-    /// All places that were pressed, with the radii of the fingertips.
-    fn places(&self) -> Vec<(f64, &Place)> {
-        let presses = self.experiments.iter().filter_map(BodyExperiment::presses);
-        presses
-            .flat_map(|presses| presses.places.iter().map(|place| (presses.radius, place)))
-            .collect()
-    }
-
-    /// Returns the numbers of places with these forces, and `count` derivatives of each.
-    fn prediction(
-        &self,
-        places: &[(f64, &Place)],
-        found: Vec<Result<Vec<Gradient>>>,
-        count: usize,
-    ) -> Result<Prediction> {
-        let mut prediction = Prediction {
-            numbers: Vec::new(),
-            slopes: Vec::new(),
-        };
-        for ((_, place), forces) in places.iter().zip(found) {
-            let forces = forces?;
-            for observed in &place.observed {
-                let sum = |of: &dyn Fn(&Gradient) -> f64| -> f64 {
-                    let terms = observed.weights.iter();
-                    terms.map(|(k, weight)| weight * of(&forces[*k])).sum()
-                };
-                prediction.numbers.push(sum(&|force| force.value));
-                let by = |k: usize| sum(&|force: &Gradient| force.derivatives[k]);
-                prediction.slopes.push((0..count).map(by).collect());
-            }
-        }
-        Ok(prediction)
-    }
-
-    /// Presses at all `places`, with the radii of the fingertips in file units, on all cores. Returns the
-    /// force at each depth of each with its derivatives by the unknowns, and by the stiffness of each element if
-    /// `by_elements`, or why a place failed.
-    ///
-    /// # Errors
-    /// [`Error::Cancelled`], and those of creating a simulator.
-    pub fn press_all(
-        &self,
-        (values, by_elements): (&[f64], bool),
-        places: &[(f64, &Place)],
-        progress: ProgressFn,
-    ) -> Result<Vec<Result<Vec<Gradient>>>> {
-        let (scene, mesh) = self.with_values(values);
-        let threads = match cfg!(target_arch = "wasm32") {
-            true => 1,
-            false => std::thread::available_parallelism().map_or(1, usize::from),
-        };
-        let next = AtomicUsize::new(0);
-        let (sender, receiver) = mpsc::channel();
-        let work = |sender: mpsc::Sender<(usize, Result<Vec<Gradient>>)>| {
-            let mut made: Option<(f64, Presser, Chain)> = None;
-            loop {
-                let k = next.fetch_add(1, Ordering::Relaxed);
-                let Some((radius, place)) = places.get(k) else {
-                    return;
-                };
-                let forces = self.press(
-                    &mut made,
-                    (&scene, &mesh, (values, by_elements)),
-                    (*radius, place),
-                );
-                if sender.send((k, forces)).is_err() {
-                    return;
-                }
-            }
-        };
-        let mut found: Vec<Option<Result<Vec<Gradient>>>> = places.iter().map(|_| None).collect();
-        std::thread::scope(|scope| {
-            for _ in 1..threads.min(places.len()) {
-                let sender = sender.clone();
-                scope.spawn(|| work(sender));
-            }
-            if threads == 1 || places.len() == 1 {
-                work(sender);
-            } else {
-                scope.spawn(|| work(sender));
-            }
-            let mut done = 0;
-            while let Ok((k, forces)) = receiver.recv() {
-                found[k] = Some(forces);
-                done += 1;
-                let share = f64::from(done) / places.len() as f64;
-                let scope = ProgressScope::begin(progress, "pressing", share);
-                if let Err(cancelled) = scope.and_then(|scope| scope.check_cancelled()) {
-                    next.store(usize::MAX / 2, Ordering::Relaxed);
-                    return Err(cancelled);
-                }
-            }
-            Ok(())
-        })?;
-        let unknown = || Err(Error::Input("a press was not made".into()));
-        Ok(found
-            .into_iter()
-            .map(|one| one.unwrap_or_else(unknown))
-            .collect())
-    }
-
-    /// Presses at a place with the simulator that is `made` already, or a new one.
-    fn press(
-        &self,
-        made: &mut Option<(f64, Presser, Chain)>,
-        (scene, mesh, asked): (&Scene, &TetMesh, (&[f64], bool)),
-        (radius, place): (f64, &Place),
-    ) -> Result<Vec<Gradient>> {
-        if made.as_ref().is_none_or(|(own, ..)| *own != radius) {
-            let presser = Presser::new(self.gpu, scene, mesh, radius)?;
-            let chain = self.chain(asked, presser.simulator())?;
-            *made = Some((radius, presser, chain));
-        }
-        let Some((_, presser, chain)) = made else {
-            return Ok(Vec::new());
-        };
-        let site = presser.site(place.at, place.outward)?;
-        let depths: Vec<f64> = place.depths.iter().map(|d| d / presser.unit()).collect();
-        let is_wanted = |k: usize| {
-            let mut weights = place.observed.iter().flat_map(|observed| &observed.weights);
-            weights.any(|(own, _)| *own == k)
-        };
-        let forces = presser.press(site, &depths, (&chain.parameters, &is_wanted))?;
-        Ok(forces
-            .into_iter()
-            .map(|force| Gradient {
-                derivatives: chain.by_unknowns(&force.derivatives),
-                ..force
-            })
-            .collect())
-    }
-
-    /// Returns how the unknowns depend on parameters of the engine.
-    fn chain(
-        &self,
-        (values, by_elements): (&[f64], bool),
-        simulator: &dyn Simulator,
-    ) -> Result<Chain> {
-        let mut chain = Chain {
-            parameters: Vec::new(),
-            terms: vec![Vec::new(); self.unknowns.len()],
-        };
-        for (k, unknown) in self.unknowns.iter().enumerate() {
-            let tets = || self.tets[k].clone();
-            let parameter = match unknown.kind {
-                Kind::Young(_) => Parameter::Young { tets: tets() },
-                Kind::Poisson(_) => Parameter::Poisson { tets: tets() },
-                Kind::Density(_) => Parameter::Density { tets: tets() },
-                _ => continue,
-            };
-            chain.terms[k].push((chain.parameters.len(), 1.0));
-            chain.parameters.push(parameter);
-        }
-        let lump = self.lump_of(values);
-        if lump.is_none() && !by_elements {
-            return Ok(chain);
-        }
-        let elements = simulator.model().and_then(|model| model.elements());
-        let elements = elements.ok_or_else(|| {
-            Error::Input(
-                "a lump needs finite elements; remove `stiffness` and `damping` of springs".into(),
-            )
-        })?;
-        let numbers = elements.of_tets(simulator.mesh());
-        let factors = lump.map(|lump| self.lump.field(&lump).values);
-        // Young's modulus of an element without the field: the derivative by a parameter is by that.
-        let of_tissue = |tets: &[u32]| {
-            let tet = *tets.first()? as usize;
-            let [mu, lambda] = elements.tets[numbers[tet]?].small_strain(elements.law);
-            let young = mu * (3.0 * lambda + 2.0 * mu) / (lambda + mu);
-            Some(young / factors.as_ref().map_or(1.0, |factors| factors[tet]))
-        };
-        for (tets, slope) in lump.map(|lump| self.lump.slopes(&lump)).unwrap_or_default() {
-            let Some(young) = of_tissue(&tets) else {
-                continue;
-            };
-            for (k, unknown) in self.unknowns.iter().enumerate() {
-                let by = slope.by(&unknown.kind);
-                if by != 0.0 {
-                    chain.terms[k].push((chain.parameters.len(), young * by));
-                }
-            }
-            chain.parameters.push(Parameter::Young { tets });
-        }
-        if by_elements {
-            for tets in self.lump.tets() {
-                // Rigid elements have no stiffness.
-                let term = of_tissue(&tets).map(|young| (chain.parameters.len(), young));
-                chain.terms.push(term.into_iter().collect());
-                if term.is_some() {
-                    chain.parameters.push(Parameter::Young { tets });
-                }
-            }
-        }
-        Ok(chain)
-    }
-
     /// The elements, as far as a lump concerns them.
     pub fn lump_elements(&self) -> &LumpElements {
         &self.lump
@@ -601,60 +309,4 @@ impl<'a> MeasuredBody<'a> {
     pub fn bounds(&self) -> (DVec3, DVec3) {
         self.mesh.bounds()
     }
-}
-
-impl FactorSlope {
-    /// Returns d ln f by an unknown.
-    fn by(&self, kind: &Kind) -> f64 {
-        match kind {
-            Kind::LumpPosition(axis) => self.by_middle.dot(DVec3::AXES[*axis]),
-            Kind::LumpDiameter => self.by_diameter,
-            Kind::LumpContrast => self.by_contrast,
-            Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_) | Kind::DampingRatio => 0.0,
-        }
-    }
-}
-
-impl Chain {
-    fn by_unknowns(&self, derivatives: &[f64]) -> Vec<f64> {
-        let of = |terms: &Vec<(usize, f64)>| -> f64 {
-            terms
-                .iter()
-                .map(|(k, factor)| factor * derivatives[*k])
-                .sum()
-        };
-        self.terms.iter().map(of).collect()
-    }
-}
-
-/// Returns `of(0)`, `of(1)` … on as many threads as there are cores: each may wait for a simulator, which
-/// a pool's threads must not.
-fn on_threads<T: Send>(count: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let threads = match cfg!(target_arch = "wasm32") {
-        true => 1,
-        false => std::thread::available_parallelism().map_or(1, usize::from),
-    };
-    let (next, found) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
-    let work = || {
-        loop {
-            let n = next.fetch_add(1, Ordering::Relaxed);
-            if n >= count {
-                return;
-            }
-            let one = of(n);
-            found
-                .lock()
-                .unwrap_or_else(|e| e.into_inner())
-                .push((n, one));
-        }
-    };
-    std::thread::scope(|scope| {
-        for _ in 1..threads.min(count) {
-            scope.spawn(work);
-        }
-        work();
-    });
-    let mut found = found.into_inner().unwrap_or_else(|e| e.into_inner());
-    found.sort_by_key(|(n, _)| *n);
-    found.into_iter().map(|(_, one)| one).collect()
 }

@@ -6,11 +6,14 @@
 //! (`uncertainty.rs`).
 
 mod best_press;
+mod chain;
 mod data;
 mod forward;
 mod least_squares;
 mod lump;
 mod lump_start;
+mod predict_presses;
+mod predict_recordings;
 mod recorded_body;
 mod recording;
 mod report;

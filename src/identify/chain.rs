@@ -1,0 +1,106 @@
+//! How the unknowns depend on parameters of the engine.
+
+use super::forward::MeasuredBody;
+use super::lump::FactorSlope;
+use super::unknown::Kind;
+use crate::physics::{Parameter, Simulator};
+use crate::{Error, Result};
+use glam::DVec3;
+
+/// One number's parameters: which of the engine's parameters it takes, with factors.
+pub(super) struct Chain {
+    pub parameters: Vec<Parameter>,
+    /// For each unknown, numbers of parameters with factors.
+    pub terms: Vec<Vec<(usize, f64)>>,
+}
+
+impl MeasuredBody<'_> {
+    /// Returns how the unknowns depend on parameters of the engine.
+    pub(super) fn chain(
+        &self,
+        (values, by_elements): (&[f64], bool),
+        simulator: &dyn Simulator,
+    ) -> Result<Chain> {
+        let mut chain = Chain {
+            parameters: Vec::new(),
+            terms: vec![Vec::new(); self.unknowns.len()],
+        };
+        for (k, unknown) in self.unknowns.iter().enumerate() {
+            let tets = || self.tets[k].clone();
+            let parameter = match unknown.kind {
+                Kind::Young(_) => Parameter::Young { tets: tets() },
+                Kind::Poisson(_) => Parameter::Poisson { tets: tets() },
+                Kind::Density(_) => Parameter::Density { tets: tets() },
+                _ => continue,
+            };
+            chain.terms[k].push((chain.parameters.len(), 1.0));
+            chain.parameters.push(parameter);
+        }
+        let lump = self.lump_of(values);
+        if lump.is_none() && !by_elements {
+            return Ok(chain);
+        }
+        let elements = simulator.model().and_then(|model| model.elements());
+        let elements = elements.ok_or_else(|| {
+            Error::Input(
+                "a lump needs finite elements; remove `stiffness` and `damping` of springs".into(),
+            )
+        })?;
+        let numbers = elements.of_tets(simulator.mesh());
+        let factors = lump.map(|lump| self.lump.field(&lump).values);
+        // Young's modulus of an element without the field: the derivative by a parameter is by that.
+        let of_tissue = |tets: &[u32]| {
+            let tet = *tets.first()? as usize;
+            let [mu, lambda] = elements.tets[numbers[tet]?].small_strain(elements.law);
+            let young = mu * (3.0 * lambda + 2.0 * mu) / (lambda + mu);
+            Some(young / factors.as_ref().map_or(1.0, |factors| factors[tet]))
+        };
+        for (tets, slope) in lump.map(|lump| self.lump.slopes(&lump)).unwrap_or_default() {
+            let Some(young) = of_tissue(&tets) else {
+                continue;
+            };
+            for (k, unknown) in self.unknowns.iter().enumerate() {
+                let by = slope.by(&unknown.kind);
+                if by != 0.0 {
+                    chain.terms[k].push((chain.parameters.len(), young * by));
+                }
+            }
+            chain.parameters.push(Parameter::Young { tets });
+        }
+        if by_elements {
+            for tets in self.lump.tets() {
+                // Rigid elements have no stiffness.
+                let term = of_tissue(&tets).map(|young| (chain.parameters.len(), young));
+                chain.terms.push(term.into_iter().collect());
+                if term.is_some() {
+                    chain.parameters.push(Parameter::Young { tets });
+                }
+            }
+        }
+        Ok(chain)
+    }
+}
+
+impl FactorSlope {
+    /// Returns d ln f by an unknown.
+    fn by(&self, kind: &Kind) -> f64 {
+        match kind {
+            Kind::LumpPosition(axis) => self.by_middle.dot(DVec3::AXES[*axis]),
+            Kind::LumpDiameter => self.by_diameter,
+            Kind::LumpContrast => self.by_contrast,
+            Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_) | Kind::DampingRatio => 0.0,
+        }
+    }
+}
+
+impl Chain {
+    pub fn by_unknowns(&self, derivatives: &[f64]) -> Vec<f64> {
+        let of = |terms: &Vec<(usize, f64)>| -> f64 {
+            terms
+                .iter()
+                .map(|(k, factor)| factor * derivatives[*k])
+                .sum()
+        };
+        self.terms.iter().map(of).collect()
+    }
+}
