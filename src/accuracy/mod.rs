@@ -14,14 +14,16 @@ mod refinement;
 mod rest;
 
 pub(crate) use error_field::{error_stage, with_error_field, with_size_field};
+#[cfg(any(feature = "study", feature = "identify"))]
+pub(crate) use finer_body::EQUILIBRIUM_TOLERANCE;
 pub(crate) use finer_body::{FinerBody, RestBody, quasi_static_step, settle};
 pub(crate) use recovery::recovery_errors;
 pub(crate) use refined_stage::{MAX_RAISED_TETS, first_mesh, of_order, refined_mesh};
 pub use refinement::Round;
 pub(crate) use refinement::{Refinable, Refined, Solution, refine};
-pub use rest::{ForceError, RestErrors};
 #[cfg(feature = "study")]
-pub(crate) use {finer_body::EQUILIBRIUM_TOLERANCE, rest::errors_at_rest};
+pub(crate) use rest::errors_at_rest;
+pub use rest::{ForceError, RestErrors};
 
 use crate::mesh::ElementOrder;
 use crate::number_format::with_error;
