@@ -28,7 +28,7 @@ pub struct IdentifyArguments {
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     unknown: Vec<String>,
     /// Set the standard deviation of the measured numbers, such as 2%: of a curve relative to its largest
-    /// force, of a map relative to each stiffness [default: estimated from the residuals]
+    /// force, of a map relative to each stiffness, of displacements relative to the largest [default: estimated from the residuals]
     #[arg(long, value_parser = share, value_name = "PERCENT")]
     noise: Option<f64>,
     /// Set the bounds of an unknown: NAME=LOW..HIGH
