@@ -68,6 +68,11 @@ impl RecordedBody {
             } => {
                 let all = displacements.iter().flatten();
                 let farthest = all.map(|u| u.length()).fold(0.0, f64::max);
+                if farthest == 0.0 {
+                    return Err(Error::Input(
+                        "the markers do not move between `straight` and `at_rest`; set times at which the body has its rest shape and at which it is loaded".into(),
+                    ));
+                }
                 for (marker, (name, at)) in recording.names().iter().zip(places).enumerate() {
                     for take in displacements {
                         for (axis, value) in ["x", "y", "z"].iter().zip(take[marker].to_array()) {
@@ -279,6 +284,11 @@ impl RecordedBody {
             .map(|(a, b)| a.distance(*b))
             .fold(0.0, f64::max);
         let largest = better.iter().map(|u| u.length()).fold(0.0, f64::max);
+        if largest == 0.0 {
+            return Err(Error::Input(
+                "the body does not move; set gravity ([solver] gravity) or a load".into(),
+            ));
+        }
         let by_mesh = factor * off / largest;
         if !self.swings() {
             return Ok(by_mesh);

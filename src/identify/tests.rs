@@ -343,6 +343,11 @@ fn recording_of_twin_is_explained() {
         "at_rest = [8.0, 9.0]",
         "no row with all markers is between 8 and 9 s",
     );
+    refused(
+        "at_rest = [3.0, 3.2]",
+        "at_rest = [0.0, 0.1]",
+        "the markers do not move",
+    );
     refused("\"-y\"", "\"y\"", "right-handed");
     refused(
         "name = \"b\"",
