@@ -335,15 +335,19 @@ fn read_json<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T> {
 }
 
 /// Rows of numbers; text that is none is NaN.
-struct NumberTable {
+pub(super) struct NumberTable {
     names: Vec<String>,
-    rows: Vec<Vec<f64>>,
+    pub rows: Vec<Vec<f64>>,
     /// Of each row the text in the column `phase`.
     phases: Vec<Option<String>>,
 }
 
 impl NumberTable {
-    fn read(path: &Path) -> Result<NumberTable> {
+    /// Reads a CSV file.
+    ///
+    /// # Errors
+    /// [`Error::Format`] or [`Error::Io`].
+    pub fn read(path: &Path) -> Result<NumberTable> {
         let wrong = |e: csv::Error| Error::format(path, e.to_string());
         let file = std::fs::File::open(path).map_err(Error::io(path))?;
         let mut reader = csv::Reader::from_reader(file);
@@ -364,7 +368,7 @@ impl NumberTable {
         match rows.is_empty() {
             true => Err(Error::format(
                 path,
-                "the file has no rows of numbers; measure at one depth at least".to_owned(),
+                "the file has no rows of numbers; it needs one at least".to_owned(),
             )),
             false => Ok(NumberTable {
                 names,
@@ -375,7 +379,7 @@ impl NumberTable {
     }
 
     /// Returns the numbers of the columns of these names, if all are there.
-    fn columns(&self, wanted: &[&str]) -> Option<Vec<usize>> {
+    pub fn columns(&self, wanted: &[&str]) -> Option<Vec<usize>> {
         let of = |name: &&str| self.names.iter().position(|own| own == name);
         wanted.iter().map(of).collect()
     }

@@ -1,6 +1,7 @@
 //! Recordings of markers on a body: how far they move from its rest shape until it hangs at rest, or how
 //! it swings.
 
+use super::data::NumberTable;
 use super::swing::{Swing, extremes_from_first};
 use crate::scene::MassEntry;
 use crate::{Error, Result};
@@ -190,16 +191,12 @@ impl Recording {
 
 impl Take {
     fn read(path: &Path, markers: &[MarkerEntry]) -> Result<Take> {
-        let wrong = |e: csv::Error| Error::format(path, e.to_string());
-        let file = std::fs::File::open(path).map_err(Error::io(path))?;
-        let mut reader = csv::Reader::from_reader(file);
-        let names: Vec<String> = reader
-            .headers()
-            .map_err(wrong)?
-            .iter()
-            .map(|n| n.trim().to_owned())
-            .collect();
-        let column = |name: &str| names.iter().position(|own| own == name);
+        let table = NumberTable::read(path)?;
+        let column = |name: &str| {
+            table
+                .columns(&[name])
+                .and_then(|found| found.first().copied())
+        };
         let time = column("time_s").ok_or_else(|| {
             Error::format(
                 path,
@@ -223,12 +220,8 @@ impl Take {
             times: Vec::new(),
             positions: vec![Vec::new(); markers.len()],
         };
-        for record in reader.records() {
-            let record = record.map_err(wrong)?;
-            let number = |k: usize| -> f64 {
-                let text = record.get(k).map(str::trim);
-                text.and_then(|text| text.parse().ok()).unwrap_or(f64::NAN)
-            };
+        for row in &table.rows {
+            let number = |k: usize| row.get(k).copied().unwrap_or(f64::NAN);
             let here: Vec<DVec3> = columns
                 .iter()
                 .map(|([x, y, z], metres)| *metres * DVec3::new(number(*x), number(*y), number(*z)))
