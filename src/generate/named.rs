@@ -98,9 +98,10 @@ pub(crate) fn by_name_with_progress(
         "bar" => bar_of_about(tets.unwrap_or(80), PAPER_BAR_SIZE),
         "box" => box_mesh([side(tets.unwrap_or(6_000), 6.0); 3], size, Split::Six),
         "beam" => {
-            let across = 3 * side(tets.unwrap_or(540), 540.0);
+            // Of about cubes: 10/3 as many along as across.
+            let across = side(tets.unwrap_or(540), 20.0);
             box_mesh(
-                [across * 10 / 3, across, across],
+                [(across * 10 + 1) / 3, across, across],
                 DVec3::new(0.1, 0.03, 0.03),
                 Split::Six,
             )
