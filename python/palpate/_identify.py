@@ -72,8 +72,8 @@ class Identified:
         values: values of the unknowns.
         intervals: for each the interval that holds it with a probability of 90 %.
         sentences: the results in words: intervals, what the data do not determine, misfits.
-        report: content of ``identified.json``: ``unknowns, misfit, noise, is_misfit, converged,
-            discretisation_errors, correlations, other_optima, next_press, seconds``.
+        report: content of ``identified.json``: ``unknowns, stiffness, misfit, noise, is_misfit,
+            converged, discretisation_errors, correlations, other_optima, next_press, seconds``.
         residuals: a row for each measured number: ``experiment, quantity, at, depth_m, measured,
             predicted, residual``; ``quantity`` is ``force`` (N), ``stiffness`` (N/m), or a number of a
             recording with its unit.
@@ -108,8 +108,11 @@ def identify(
         data: measurements of the body, or one.
         unknown: names of the unknowns: ``material.young``, ``material.TISSUE.young``,
             ``material.poisson``, ``material.TISSUE.poisson``, ``material.density``,
-            ``material.TISSUE.density``, ``material.damping_ratio``, or ``lump``, a ball with another
-            stiffness. Without any, measured and predicted numbers are compared.
+            ``material.TISSUE.density``, ``material.damping_ratio``, ``gravity.x`` (``y``, ``z``),
+            ``pressure.N``, ``finger.x`` (``y``, ``z``: how far the fingertip was from the stated places),
+            ``lump``, a ball with another stiffness, or ``stiffness:cage:LENGTH`` (such as ``8mm``, with
+            ``:piecewise`` behind it for sharp edges), factors on a grid. Without any, measured and
+            predicted numbers are compared.
         noise: standard deviation of the measured numbers, such as 0.02: of a curve relative to its largest
             force, of a map relative to each stiffness; default: estimated from the residuals.
         bounds: lower and upper bounds of unknowns.
@@ -150,7 +153,15 @@ def identify(
         own = dict(scene.entries)
         own["mesh"] = {k: v for k, v in own.get("mesh", {}).items() if k == "unit"}
         scene = Scene(own, folder=scene.folder, mesh=Mesh._of(mesh))
-        changes["material.stiffness_field"] = "lump_stiffness"
+        lump = any(name.startswith("lump.") for name in values)
+        changes["material.stiffness_field"] = "lump_stiffness" if lump else "stiffness_factor"
+    for name, x in values.items():
+        if name.startswith("gravity."):
+            gravity = changes.setdefault("solver.gravity", list(scene.entries["solver"]["gravity"]))
+            gravity["xyz".index(name[-1])] = x
+        elif name.startswith("pressure."):
+            pressures = changes.setdefault("pressure", [dict(one) for one in scene.entries["pressure"]])
+            pressures[int(name.split(".")[1]) - 1]["pressure"] = x
     return Identified(
         values,
         {one["name"]: (one["low"], one["high"]) for one in found["unknowns"]},

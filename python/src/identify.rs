@@ -46,7 +46,7 @@ pub fn identify(
     Ok((
         serde_json::to_string(&found).map_err(wrong)?,
         serde_json::to_string(&found.residuals).map_err(wrong)?,
-        found.lump_mesh().cloned().map(Mesh::from),
+        found.mesh_with_field().cloned().map(Mesh::from),
     ))
 }
 

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 pub struct IdentifyArguments {
     /// Scene (.toml) of the body, or a mesh
     scene: PathBuf,
-    /// Read measurements: the folder of `palpate press`, press.csv with press.json, map.csv with map.json, or
+    /// Read measurements: the folder of `palpate press`, press.csv with press.json, map.csv with map.json,
     /// a recording of markers (.toml, docs/identify.md); several for several experiments
     #[arg(long, required = true, num_args = 1.., value_name = "DATA")]
     data: Vec<PathBuf>,
@@ -140,10 +140,22 @@ fn share(text: &str) -> std::result::Result<f64, String> {
 }
 
 fn in_words(step: &IdentifyStep, options: &IdentifyOptions) -> String {
-    let values = options.unknowns.iter().zip(&step.values);
-    let values: Vec<String> = values
-        .map(|(unknown, value)| format!("{} {}", unknown.name, rounded(*value, 5)))
+    let (nodes, others): (Vec<_>, Vec<_>) = step
+        .values
+        .iter()
+        .partition(|(name, _)| name.starts_with("stiffness."));
+    let mut values: Vec<String> = others
+        .iter()
+        .map(|(name, value)| format!("{name} {}", rounded(*value, 5)))
         .collect();
+    let factors = || nodes.iter().map(|(_, factor)| *factor);
+    if let (Some(least), Some(most)) = (
+        factors().min_by(f64::total_cmp),
+        factors().max_by(f64::total_cmp),
+    ) {
+        let (least, most) = (rounded(least, 3), rounded(most, 3));
+        values.push(format!("stiffness {least} to {most} times"));
+    }
     let start = match options.starts > 1 {
         true => format!("start {}, ", step.start),
         false => String::new(),

@@ -3,7 +3,7 @@
 use super::forward::MeasuredBody;
 use super::lump::FactorSlope;
 use super::unknown::Kind;
-use crate::physics::{Parameter, Simulator};
+use crate::physics::{AmplitudeId, Parameter, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -31,23 +31,32 @@ impl MeasuredBody<'_> {
                 Kind::Young(_) => Parameter::Young { tets: tets() },
                 Kind::Poisson(_) => Parameter::Poisson { tets: tets() },
                 Kind::Density(_) => Parameter::Density { tets: tets() },
+                Kind::Gravity(axis) => Parameter::Gravity {
+                    direction: DVec3::AXES[axis],
+                },
+                Kind::Pressure(n) => Parameter::Amplitude(AmplitudeId::from_index(n)),
                 _ => continue,
             };
             chain.terms[k].push((chain.parameters.len(), 1.0));
             chain.parameters.push(parameter);
         }
         let lump = self.lump_of(values);
-        if lump.is_none() && !by_elements {
+        if lump.is_none() && self.grid.is_none() && !by_elements {
             return Ok(chain);
         }
         let elements = simulator.model().and_then(|model| model.elements());
         let elements = elements.ok_or_else(|| {
             Error::Input(
-                "a lump needs finite elements; remove `stiffness` and `damping` of springs".into(),
+                "a lump or a stiffness that varies needs finite elements; remove `stiffness` and `damping` of springs".into(),
             )
         })?;
         let numbers = elements.of_tets(simulator.mesh());
-        let factors = lump.map(|lump| self.lump.field(&lump).values);
+        let grid = self.grid.as_ref();
+        let factors = match (lump, grid) {
+            (Some(lump), _) => Some(self.lump.field(&lump).values),
+            (None, Some(_)) => self.grid_field(values).map(|field| field.values),
+            (None, None) => None,
+        };
         // Young's modulus of an element without the field: the derivative by a parameter is by that.
         let of_tissue = |tets: &[u32]| {
             let tet = *tets.first()? as usize;
@@ -67,11 +76,22 @@ impl MeasuredBody<'_> {
             }
             chain.parameters.push(Parameter::Young { tets });
         }
-        if by_elements {
-            for tets in self.lump.tets() {
+        if by_elements || grid.is_some() {
+            let elements = self.lump.tets().into_iter().enumerate();
+            for (element, tets) in elements {
                 // Rigid elements have no stiffness.
                 let term = of_tissue(&tets).map(|young| (chain.parameters.len(), young));
-                chain.terms.push(term.into_iter().collect());
+                if let Some((grid, (parameter, young))) = grid.zip(term) {
+                    for (node, weight) in grid.weights_of(element) {
+                        let k = self.grid_nodes.start + node;
+                        // By the factor itself, not its logarithm.
+                        let by = young * weight / values[k];
+                        chain.terms[k].push((parameter, by));
+                    }
+                }
+                if by_elements {
+                    chain.terms.push(term.into_iter().collect());
+                }
                 if term.is_some() {
                     chain.parameters.push(Parameter::Young { tets });
                 }
@@ -88,7 +108,7 @@ impl FactorSlope {
             Kind::LumpPosition(axis) => self.by_middle.dot(DVec3::AXES[*axis]),
             Kind::LumpDiameter => self.by_diameter,
             Kind::LumpContrast => self.by_contrast,
-            Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_) | Kind::DampingRatio => 0.0,
+            _ => 0.0,
         }
     }
 }

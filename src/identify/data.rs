@@ -94,7 +94,8 @@ impl Experiment {
     /// Reads the results of `palpate press`, or measurements of the same form: a folder, `press.csv`
     /// (columns `depth_m`, `force_n` and perhaps `phase`, of which `load` is used) with `press.json` (`at`,
     /// `direction`, `radius_m`), or `map.csv` (columns `x`, `y`, `z`, `stiffness`) with `map.json` (`radius`,
-    /// `depth`, `direction`, `length_unit_m`); or a recording of markers (`.toml`).
+    /// `depth`, `direction`, `length_unit_m`); a recording of markers, or other measurements of a body at rest
+    /// (`.toml`); or a mesh with the node field `displacement` (`.vtu` and the other formats).
     ///
     /// # Errors
     /// [`Error::Format`] or [`Error::Io`] naming the file and what it lacks.
@@ -119,6 +120,12 @@ impl Experiment {
             return Ok(vec![Experiment {
                 name: path.display().to_string(),
                 kind: ExperimentKind::Recording(Box::new(Recording::read(path)?)),
+            }]);
+        }
+        if path.extension().is_none_or(|extension| extension != "csv") {
+            return Ok(vec![Experiment {
+                name: path.display().to_string(),
+                kind: ExperimentKind::Recording(Box::new(Recording::of_displacements(path))),
             }]);
         }
         let table = NumberTable::read(path)?;

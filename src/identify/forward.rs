@@ -4,14 +4,16 @@ use super::IdentifyOptions;
 use super::data::{Experiment, ExperimentKind, Observed, Presses};
 use super::lump::{FACTOR_FIELD, Lump, LumpElements};
 use super::recorded_body::RecordedBody;
-use super::unknown::{Kind, ScaledUnknown};
+use super::stiffness_grid::{self, StiffnessGrid};
+use super::unknown::{Kind, ScaledUnknown, Unknown};
 use crate::accuracy::of_order;
 use crate::gpu::Gpu;
-use crate::mesh::{ElementOrder, TetMesh};
+use crate::mesh::{ElementOrder, Field, TetMesh};
 use crate::press::Presser;
 use crate::scene::{AccuracyEntry, OrderChoice, Scene};
 use crate::{Error, ProgressFn, Result, no_progress};
 use glam::DVec3;
+use std::ops::Range;
 
 /// Noise for which standard deviations are calculated if none is stated; it is estimated then.
 pub(super) const UNIT_NOISE: f64 = 0.01;
@@ -66,6 +68,9 @@ pub(super) struct MeasuredBody<'a> {
     observations: Vec<Observed>,
     sigma: Vec<f64>,
     pub(super) lump: LumpElements,
+    /// The grid of a stiffness that varies, and the numbers of the unknowns at its nodes.
+    pub(super) grid: Option<StiffnessGrid>,
+    pub(super) grid_nodes: Range<usize>,
     /// The tets of each unknown of a tissue.
     pub(super) tets: Vec<Vec<u32>>,
     /// Metres per file unit.
@@ -105,7 +110,14 @@ impl<'a> MeasuredBody<'a> {
         let scene = of_order(&scene, order);
         let (low, high) = mesh.bounds();
         let extents = (low.to_array(), high.to_array());
-        let scaled = options.unknowns.iter();
+        let lump = LumpElements::new(&mesh, scene.material.stiffness_field.as_deref())?;
+        let unit = scene.length_unit(&mesh)?.unwrap_or(1.0);
+        let grid = grid_of(options, &lump, (unit, (low, high)))?;
+        let listed = with_grid_nodes(&options.unknowns, grid.as_ref());
+        let is_node = |unknown: &Unknown| matches!(unknown.kind, Kind::StiffnessNode(_));
+        let first = listed.iter().position(is_node).unwrap_or(0);
+        let grid_nodes = first..first + grid.as_ref().map_or(0, |grid| grid.places.len());
+        let scaled = listed.iter();
         let unknowns = scaled.map(|unknown| ScaledUnknown::new(unknown, &scene, extents));
         let unknowns: Vec<ScaledUnknown> = unknowns.collect::<Result<_>>()?;
         for (k, unknown) in unknowns.iter().enumerate() {
@@ -137,7 +149,9 @@ impl<'a> MeasuredBody<'a> {
             )));
         }
         let mut body = MeasuredBody {
-            lump: LumpElements::new(&mesh, scene.material.stiffness_field.as_deref())?,
+            lump,
+            grid,
+            grid_nodes,
             gpu,
             scene,
             mesh,
@@ -184,7 +198,8 @@ impl<'a> MeasuredBody<'a> {
                 }
                 ExperimentKind::Recording(recording) => {
                     let unit = self.scene.length_unit(&self.mesh)?.unwrap_or(1.0);
-                    BodyExperimentKind::Recorded(RecordedBody::new(recording, unit)?)
+                    let body = (unit, self.mesh.bounds());
+                    BodyExperimentKind::Recorded(RecordedBody::new(recording, body)?)
                 }
             };
             let experiment = BodyExperiment {
@@ -237,6 +252,26 @@ impl<'a> MeasuredBody<'a> {
         self.unit
     }
 
+    /// Returns the field of the factors of a stiffness that varies, if it is among the unknowns.
+    pub(super) fn grid_field(&self, values: &[f64]) -> Option<Field> {
+        let grid = self.grid.as_ref()?;
+        let nodes = values[self.grid_nodes.clone()].iter();
+        let logarithms: Vec<f64> = nodes.map(|factor| factor.ln()).collect();
+        Some(grid.field(&logarithms, self.lump.own_factors()))
+    }
+
+    /// Returns the residuals of what is known before the data, with their derivatives by θ.
+    pub fn prior(&self, theta: &[f64]) -> Vec<(f64, Vec<(usize, f64)>)> {
+        let Some(grid) = &self.grid else {
+            return Vec::new();
+        };
+        let mut all = grid.prior(&theta[self.grid_nodes.clone()]);
+        for (node, _) in all.iter_mut().flat_map(|(_, slopes)| slopes) {
+            *node += self.grid_nodes.start;
+        }
+        all
+    }
+
     pub(super) fn lump_of(&self, values: &[f64]) -> Option<Lump> {
         Lump::of(&self.unknowns, values, self.mesh.bounds())
     }
@@ -250,8 +285,17 @@ impl<'a> MeasuredBody<'a> {
                 Kind::Poisson(tissue) => scene.material.set_poisson(tissue.as_deref(), *value),
                 Kind::Density(tissue) => scene.material.set_density(tissue.as_deref(), *value),
                 Kind::DampingRatio => scene.material.damping_ratio = Some(*value),
+                Kind::Pressure(n) => scene.set_pressure(*n, *value),
+                Kind::Gravity(axis) => {
+                    scene.solver.gravity.get_or_insert_default()[*axis] = *value;
+                }
                 _ => {}
             }
+        }
+        if let Some(field) = self.grid_field(values) {
+            mesh.fields.retain(|own| own.name != field.name);
+            scene.material.stiffness_field = Some(field.name.clone());
+            mesh.fields.push(field);
         }
         if let Some(lump) = self.lump_of(values) {
             mesh.fields.retain(|field| field.name != FACTOR_FIELD);
@@ -266,9 +310,7 @@ impl<'a> MeasuredBody<'a> {
     /// # Errors
     /// As a press.
     pub fn predict(&self, values: &[f64], progress: ProgressFn) -> Result<Prediction> {
-        let places = self.places();
-        let found = self.press_all((values, false), &places, progress)?;
-        let pressed = self.prediction(&places, found, self.unknowns.len())?;
+        let pressed = self.predict_presses(values, progress)?;
         let mut pressed = pressed.numbers.into_iter().zip(pressed.slopes);
         let mut all = Prediction {
             numbers: Vec::new(),
@@ -300,7 +342,7 @@ impl<'a> MeasuredBody<'a> {
         Ok(all)
     }
 
-    /// The elements, as far as a lump concerns them.
+    /// The elements, as far as their stiffness is unknown.
     pub fn lump_elements(&self) -> &LumpElements {
         &self.lump
     }
@@ -309,4 +351,56 @@ impl<'a> MeasuredBody<'a> {
     pub fn bounds(&self) -> (DVec3, DVec3) {
         self.mesh.bounds()
     }
+}
+
+/// Returns the grid of a stiffness that varies, if it is among the unknowns.
+fn grid_of(
+    options: &IdentifyOptions,
+    elements: &LumpElements,
+    (unit, bounds): (f64, (DVec3, DVec3)),
+) -> Result<Option<StiffnessGrid>> {
+    let mut grids = options
+        .unknowns
+        .iter()
+        .filter_map(|unknown| match unknown.kind {
+            Kind::StiffnessGrid(micrometres, variation) => Some((micrometres, variation)),
+            _ => None,
+        });
+    let Some((micrometres, variation)) = grids.next() else {
+        return Ok(None);
+    };
+    let has_lump = options
+        .unknowns
+        .iter()
+        .any(|unknown| unknown.kind.is_lump());
+    if grids.next().is_some() || has_lump {
+        return Err(Error::Input(
+            "a stiffness that varies is one unknown, and contains a lump; name one of them (--unknown)".into(),
+        ));
+    }
+    if options.noise.is_none() {
+        return Err(Error::Input(
+            "a stiffness that varies needs the noise of the data, such as --noise 2%: it says how closely the data are to be followed".into(),
+        ));
+    }
+    let spacing = 1e-6 * micrometres as f64 / unit;
+    StiffnessGrid::new(elements, bounds, (spacing, variation)).map(Some)
+}
+
+/// Returns the unknowns with those at the nodes of the grid in place of the grid.
+fn with_grid_nodes(unknowns: &[Unknown], grid: Option<&StiffnessGrid>) -> Vec<Unknown> {
+    let nodes = |unknown: &Unknown| -> Vec<Unknown> {
+        let count = grid.map_or(0, |grid| grid.places.len());
+        let node = |n: usize| Unknown {
+            name: format!("{}.{}", stiffness_grid::NAME, n + 1),
+            kind: Kind::StiffnessNode(n),
+            ..unknown.clone()
+        };
+        (0..count).map(node).collect()
+    };
+    let all = unknowns.iter().flat_map(|unknown| match unknown.kind {
+        Kind::StiffnessGrid(..) => nodes(unknown),
+        _ => vec![unknown.clone()],
+    });
+    all.collect()
 }

@@ -80,9 +80,12 @@ impl Start {
 pub(super) struct Solution {
     pub theta: DVector<f64>,
     pub values: Vec<f64>,
-    /// Residuals over their standard deviations, at a noise of 1, and their derivatives by θ.
+    /// Residuals of the data over their standard deviations, at a noise of 1, then those of what is known before
+    /// them, and their derivatives by θ.
     pub residuals: DVector<f64>,
     pub jacobian: DMatrix<f64>,
+    /// Number of data.
+    pub data: usize,
     /// Predicted numbers.
     pub predicted: Vec<f64>,
     /// Which unknowns are at a bound.
@@ -95,6 +98,16 @@ impl Solution {
     pub fn sum_of_squares(&self) -> f64 {
         self.residuals.norm_squared()
     }
+
+    /// Sum of the squares of the data.
+    pub fn misfit_squares(&self) -> f64 {
+        self.residuals.rows(0, self.data).norm_squared()
+    }
+
+    /// Root mean square of the residuals of the data.
+    pub fn misfit(&self) -> f64 {
+        (self.misfit_squares() / self.data.max(1) as f64).sqrt()
+    }
 }
 
 /// Finds the values of the least sum of squares from a start. Calls `each` with the number of the step, the
@@ -104,9 +117,7 @@ impl Solution {
 /// Those of the predictions at the start, and of `each`.
 pub(super) fn minimise(model: &Model, start: &Start, each: OnStep<'_>) -> Result<Solution> {
     let mut now = model.at(&start.theta)?;
-    let count = now.residuals.len() as f64;
-    let root_mean_square = |solution: &Solution| (solution.sum_of_squares() / count).sqrt();
-    each(0, root_mean_square(&now), &now.values)?;
+    each(0, now.misfit(), &now.values)?;
     let mut damping = FIRST_DAMPING;
     for step in 1..=MAX_STEPS {
         let mut next = None;
@@ -136,7 +147,7 @@ pub(super) fn minimise(model: &Model, start: &Start, each: OnStep<'_>) -> Result
         };
         let decrease = 1.0 - next.sum_of_squares() / now.sum_of_squares();
         now = next;
-        each(step, root_mean_square(&now), &now.values)?;
+        each(step, now.misfit(), &now.values)?;
         if decrease < ENOUGH {
             now.converged = true;
             return Ok(now);
@@ -151,7 +162,7 @@ pub(super) fn distinct(sorted: &[Solution]) -> Vec<Solution> {
     let Some(best) = sorted.first() else {
         return Vec::new();
     };
-    let most = 4.0 * best.sum_of_squares() + best.residuals.len() as f64 * 1e-6;
+    let most = 4.0 * best.sum_of_squares() + best.data as f64 * 1e-6;
     let mut kept: Vec<Solution> = Vec::new();
     for other in &sorted[1..] {
         let is_new = |one: &Solution| (&one.theta - &other.theta).amax() > SAME;
@@ -177,25 +188,38 @@ impl Model<'_, '_> {
         let Prediction { numbers, slopes } = self.body.predict(&values, self.progress)?;
         let sigma = self.body.standard_deviations();
         let observations = self.body.observations();
-        let rows = numbers.len();
-        let residuals =
-            DVector::from_fn(rows, |i, _| (numbers[i] - observations[i].value) / sigma[i]);
-        let jacobian = DMatrix::from_fn(rows, unknowns.len(), |i, k| {
-            slopes[i][k] * unknowns[k].slope(values[k]) / sigma[i]
+        let data = numbers.len();
+        let theta: Vec<f64> = unknowns
+            .iter()
+            .zip(&values)
+            .map(|(unknown, value)| unknown.theta(*value))
+            .collect();
+        let prior = self.body.prior(&theta);
+        let residuals = DVector::from_fn(data + prior.len(), |i, _| {
+            match prior.get(i.wrapping_sub(data)) {
+                Some((residual, _)) => *residual,
+                None => (numbers[i] - observations[i].value) / sigma[i],
+            }
         });
+        let mut jacobian = DMatrix::zeros(residuals.len(), unknowns.len());
+        for (i, row) in slopes.iter().enumerate() {
+            for (k, slope) in row.iter().enumerate() {
+                jacobian[(i, k)] = slope * unknowns[k].slope(values[k]) / sigma[i];
+            }
+        }
+        for (i, (_, slopes)) in prior.iter().enumerate() {
+            slopes
+                .iter()
+                .for_each(|(k, slope)| jacobian[(data + i, *k)] += slope);
+        }
         let at_bound = unknowns.iter().zip(&values).map(|(unknown, value)| {
             let [low, high] = unknown.bounds;
             let near = 1e-6 * (high - low);
             *value <= low + near.min(1e-6 * low.abs()) || *value >= high - near
         });
         Ok(Solution {
-            theta: DVector::from_iterator(
-                values.len(),
-                unknowns
-                    .iter()
-                    .zip(&values)
-                    .map(|(unknown, value)| unknown.theta(*value)),
-            ),
+            theta: DVector::from_vec(theta),
+            data,
             at_bound: at_bound.collect(),
             residuals,
             jacobian,

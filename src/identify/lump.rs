@@ -52,7 +52,7 @@ impl Lump {
                 Kind::LumpPosition(k) => lump.middle[k] = *value,
                 Kind::LumpDiameter => lump.diameter = *value,
                 Kind::LumpContrast => lump.contrast = *value,
-                Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_) | Kind::DampingRatio => {}
+                _ => {}
             }
         }
         found.filter(|_| unknowns.iter().any(|unknown| unknown.kind.is_lump()))
@@ -87,6 +87,16 @@ impl LumpElements {
             middles,
             sizes,
         })
+    }
+
+    /// Middles of the elements, in file units.
+    pub fn middles(&self) -> &[DVec3] {
+        &self.middles
+    }
+
+    /// The factor of the scene for each tet, and the number of tets of an element.
+    pub fn own_factors(&self) -> (&[f64], usize) {
+        (&self.own, self.pieces)
     }
 
     /// Returns the share of an element within the lump, about: 1 more than half an edge inside of its

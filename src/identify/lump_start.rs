@@ -71,7 +71,7 @@ pub(super) fn start_at_best_ball(
             Kind::LumpPosition(k) => *value = ball.middle[k],
             Kind::LumpDiameter => *value = ball.diameter,
             Kind::LumpContrast => *value = ball.contrast,
-            Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_) | Kind::DampingRatio => {}
+            _ => {}
         }
     }
     Ok(Some(Start::at(&values, unknowns)))

@@ -14,9 +14,11 @@ mod lump;
 mod lump_start;
 mod predict_presses;
 mod predict_recordings;
+mod readings;
 mod recorded_body;
 mod recording;
 mod report;
+mod stiffness_grid;
 mod swing;
 #[cfg(test)]
 mod tests;
@@ -24,7 +26,7 @@ mod uncertainty;
 mod unknown;
 
 pub use data::Experiment;
-pub use report::{Identified, IdentifiedValue, PressAdvice, Residual};
+pub use report::{Identified, IdentifiedValue, PressAdvice, Residual, StiffnessFactor};
 pub use unknown::Unknown;
 
 use crate::gpu::Gpu;
@@ -57,8 +59,8 @@ pub struct IdentifyStep {
     pub step: u32,
     /// Root mean square of the residuals over their standard deviations.
     pub misfit: f64,
-    /// Values of the unknowns.
-    pub values: Vec<f64>,
+    /// Names and values of the unknowns.
+    pub values: Vec<(String, f64)>,
 }
 
 /// Finds the unknowns of `scene` from measurements; without unknowns it compares measured and predicted
@@ -90,17 +92,25 @@ pub fn identify(
             found
         });
     }
-    if body.observations().len() < unknowns.len() + usize::from(options.noise.is_none()) {
+    // What is known before the data determines the nodes of a grid.
+    let determined = unknowns.len() - body.grid_nodes.len();
+    if body.observations().len() < determined + usize::from(options.noise.is_none()) {
         return Err(Error::Input(format!(
             "{} measured numbers do not determine {} unknowns{}; give more data (--data), or fewer unknowns",
             body.observations().len(),
-            unknowns.len(),
+            determined,
             match options.noise {
                 None => " and the noise",
                 Some(_) => "",
             }
         )));
     }
+    let named = |values: &[f64]| {
+        let pairs = unknowns.iter().zip(values);
+        pairs
+            .map(|(own, value)| (own.name.clone(), *value))
+            .collect()
+    };
     let mut found = Vec::new();
     for start in 0..options.starts.max(1) {
         let chosen = match start {
@@ -113,7 +123,7 @@ pub fn identify(
                 start: start + 1,
                 step,
                 misfit,
-                values: values.to_vec(),
+                values: named(values),
             })
         };
         let model = Model {

@@ -3,16 +3,76 @@
 use super::chain::Chain;
 use super::data::Place;
 use super::forward::{BodyExperiment, MeasuredBody, Prediction};
+use super::unknown::Kind;
 use crate::mesh::TetMesh;
 use crate::physics::Gradient;
 use crate::press::Presser;
 use crate::progress::ProgressScope;
 use crate::scene::Scene;
 use crate::{Error, ProgressFn, Result};
+use glam::DVec3;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 
+/// Change of θ of differences.
+const DIFFERENCE: f64 = 0.02;
+
 impl MeasuredBody<'_> {
+    /// Returns the numbers of all presses, with derivatives by the adjoint method, or by central differences by
+    /// how far the fingertip was off.
+    ///
+    /// # Errors
+    /// As a press.
+    pub(super) fn predict_presses(
+        &self,
+        values: &[f64],
+        progress: ProgressFn,
+    ) -> Result<Prediction> {
+        let count = self.unknowns.len();
+        let numbers = |values: &[f64]| {
+            let places = self.places_at(values);
+            let places: Vec<(f64, &Place)> = places.iter().map(|(r, p)| (*r, p)).collect();
+            let found = self.press_all((values, false), &places, progress)?;
+            self.prediction(&places, found, count)
+        };
+        let mut prediction = numbers(values)?;
+        for (k, unknown) in self.unknowns.iter().enumerate() {
+            if !unknown.kind.by_differences() {
+                continue;
+            }
+            let theta = unknown.theta(values[k]);
+            let ends = [theta + DIFFERENCE, theta - DIFFERENCE].map(|theta| unknown.value(theta));
+            let [up, down] = ends.map(|value| {
+                let mut other = values.to_vec();
+                other[k] = value;
+                numbers(&other)
+            });
+            let (up, down) = (up?.numbers, down?.numbers);
+            let pairs = up.iter().zip(&down);
+            for (row, (up, down)) in prediction.slopes.iter_mut().zip(pairs) {
+                row[k] = (up - down) / (ends[0] - ends[1]);
+            }
+        }
+        Ok(prediction)
+    }
+
+    /// Returns all places as the fingertip was off by the values of these unknowns.
+    fn places_at(&self, values: &[f64]) -> Vec<(f64, Place)> {
+        let mut offset = DVec3::ZERO;
+        for (unknown, value) in self.unknowns.iter().zip(values) {
+            if let Kind::FingerOffset(axis) = unknown.kind {
+                offset[axis] += *value;
+            }
+        }
+        let places = self.places().into_iter();
+        let moved = places.map(|(radius, place)| {
+            let mut place = place.clone();
+            place.at += offset;
+            (radius, place)
+        });
+        moved.collect()
+    }
+
     /// As [`MeasuredBody::predict`], and for each number its derivatives by the logarithm of the stiffness
     /// of each element.
     ///

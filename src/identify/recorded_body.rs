@@ -1,6 +1,7 @@
 //! What a scene predicts for a recording of markers.
 
 use super::data::Observed;
+use super::readings::Readings;
 use super::recording::{Recorded, Recording};
 use super::swing::{Swing, lowest_points, swing_of};
 use crate::accuracy::{EQUILIBRIUM_TOLERANCE, quasi_static_step, settle};
@@ -33,6 +34,7 @@ const LONGEST_SWING: f64 = 2.0;
 #[derive(Clone, Debug)]
 pub(super) struct RecordedBody {
     masses: Vec<MassEntry>,
+    readings: Readings,
     recorded: Recorded,
     pub observed: Vec<Observed>,
 }
@@ -46,11 +48,14 @@ struct MarkedBody {
 }
 
 impl RecordedBody {
-    /// Returns the recording for a body whose file unit is `unit` metres.
+    /// Returns the recording for a body with these bounds, whose file unit is `unit` metres.
     ///
     /// # Errors
-    /// As [`Recording::in_body`].
-    pub fn new(recording: &Recording, unit: f64) -> Result<RecordedBody> {
+    /// As [`Recording::in_body`]; [`Error::Input`] for a displacement field of another body.
+    pub fn new(
+        recording: &Recording,
+        (unit, bounds): (f64, (DVec3, DVec3)),
+    ) -> Result<RecordedBody> {
         let recorded = recording.in_body(unit)?;
         let number = |quantity: String, at: DVec3, value: f64, scale: f64| Observed {
             quantity,
@@ -65,22 +70,31 @@ impl RecordedBody {
             Recorded::AtRest {
                 places,
                 displacements,
+                field,
             } => {
-                let all = displacements.iter().flatten();
+                field.check(bounds)?;
+                let all = displacements.iter().flatten().chain(&field.displacements);
                 let farthest = all.map(|u| u.length()).fold(0.0, f64::max);
-                if farthest == 0.0 {
+                let has_points = !(places.is_empty() && field.places.is_empty());
+                if has_points && farthest == 0.0 {
                     return Err(Error::Input(
-                        "the markers do not move between `straight` and `at_rest`; set times at which the body has its rest shape and at which it is loaded".into(),
+                        "the markers do not move between `straight` and `at_rest`, nor do the points of a displacement field; set times at which the body has its rest shape and at which it is loaded".into(),
                     ));
                 }
+                let mut add = |name: &str, at: DVec3, moved: DVec3| {
+                    for (axis, value) in ["x", "y", "z"].iter().zip(moved.to_array()) {
+                        observed.push(number(format!("{name} {axis} (m)"), at, value, farthest));
+                    }
+                };
                 for (marker, (name, at)) in recording.names().iter().zip(places).enumerate() {
                     for take in displacements {
-                        for (axis, value) in ["x", "y", "z"].iter().zip(take[marker].to_array()) {
-                            let quantity = format!("{name} {axis} (m)");
-                            observed.push(number(quantity, *at, value, farthest));
-                        }
+                        add(name, *at, take[marker]);
                     }
                 }
+                for (at, moved) in field.places.iter().zip(&field.displacements) {
+                    add("displacement", *at, *moved);
+                }
+                observed.extend(recording.readings.observed());
             }
             Recorded::Swing { place, takes } => {
                 for Swing { period, ratio, .. } in takes {
@@ -91,6 +105,7 @@ impl RecordedBody {
         }
         Ok(RecordedBody {
             masses: recording.masses.clone(),
+            readings: recording.readings.clone(),
             recorded,
             observed,
         })
@@ -123,7 +138,7 @@ impl RecordedBody {
                 .use_double_precision()?;
         }
         let places = match &self.recorded {
-            Recorded::AtRest { places, .. } => places.clone(),
+            Recorded::AtRest { places, field, .. } => [&places[..], &field.places].concat(),
             Recorded::Swing { place, .. } => vec![*place],
         };
         let rest = motion.simulator.mesh().nodes.clone();
@@ -151,6 +166,7 @@ impl RecordedBody {
         let Recorded::AtRest {
             places,
             displacements,
+            ..
         } = &self.recorded
         else {
             return Ok(Vec::new());
@@ -160,22 +176,46 @@ impl RecordedBody {
         let parameters = parameters(body.motion.simulator.as_ref())?;
         let unit = body.motion.length_unit();
         let mut numbers = Vec::new();
-        for marker in 0..places.len() {
+        for marker in 0..body.carriers.len() {
             let mut own = Vec::new();
             for direction in DVec3::AXES {
-                let found = body.gradient(marker, direction, &parameters)?;
-                own.push(Gradient {
-                    value: unit * found.value,
-                    derivatives: found.derivatives.iter().map(|by| unit * by).collect(),
-                    ..found
-                });
+                let quantity = Quantity::Displacement {
+                    nodes: body.carriers[marker].clone(),
+                    direction,
+                };
+                own.push(body.gradient((&quantity, unit), &parameters)?);
             }
             // Each take has the same prediction.
-            displacements
-                .iter()
-                .for_each(|_| numbers.extend(own.iter().cloned()));
+            let takes = match marker < places.len() {
+                true => displacements.len(),
+                false => 1,
+            };
+            (0..takes).for_each(|_| numbers.extend(own.iter().cloned()));
+        }
+        let others = self
+            .readings
+            .quantities(body.motion.simulator.mesh(), unit)?;
+        for (quantity, factor) in &others {
+            numbers.push(body.gradient((quantity, *factor), &parameters)?);
         }
         Ok(numbers)
+    }
+
+    /// Returns the largest difference of reactions and volumes from those of another mesh, relative to each.
+    fn error_of_readings(
+        &self,
+        own: (&Gpu, &Scene, &TetMesh),
+        finer: (&Gpu, &Scene, &TetMesh),
+    ) -> Result<f64> {
+        let count = self.readings.observed().len();
+        if count == 0 {
+            return Ok(0.0);
+        }
+        let [own, finer] = [own, finer].map(|body| self.at_rest(body, &|_| Ok(Vec::new())));
+        let (own, finer) = (own?, finer?);
+        let pairs = own.iter().zip(&finer).rev().take(count);
+        let relative = pairs.map(|(a, b)| (a.value / b.value - 1.0).abs());
+        Ok(relative.fold(0.0, f64::max))
     }
 
     /// Returns how far each marker moves until the body is at rest, m.
@@ -276,8 +316,13 @@ impl RecordedBody {
         (finer_scene, finer, factor): (&Scene, &TetMesh, f64),
         progress: ProgressFn,
     ) -> Result<f64> {
+        let readings =
+            factor * self.error_of_readings((gpu, scene, mesh), (gpu, finer_scene, finer))?;
         let own = self.displacements(gpu, scene, mesh)?;
         let better = self.displacements(gpu, finer_scene, finer)?;
+        if own.is_empty() {
+            return Ok(readings);
+        }
         let off = own
             .iter()
             .zip(&better)
@@ -291,7 +336,7 @@ impl RecordedBody {
         }
         let by_mesh = factor * off / largest;
         if !self.swings() {
-            return Ok(by_mesh);
+            return Ok(by_mesh.max(readings));
         }
         let [coarse, fine] = [1, 2].map(|finer| self.swing((gpu, scene, mesh), finer, progress));
         let pairs = coarse?.into_iter().zip(fine?);
@@ -344,24 +389,26 @@ impl MarkedBody {
         Ok(self.motion.length_unit() * moved(&self.carriers[marker], &x, &self.rest))
     }
 
-    /// Returns the displacement of a marker along a direction, in file units, after more steps if the body
-    /// is not at rest yet.
+    /// Returns a quantity, in file units, times a factor, with its derivatives, after more steps if the body is
+    /// not at rest yet.
     fn gradient(
         &mut self,
-        marker: usize,
-        direction: DVec3,
+        (quantity, factor): (&Quantity, f64),
         parameters: &[Parameter],
     ) -> Result<Gradient> {
-        let quantity = Quantity::Displacement {
-            nodes: self.carriers[marker].clone(),
-            direction,
-        };
         let mut more = MAX_MORE_STEPS;
         loop {
             let gradients = Capability::Gradients.require(self.motion.simulator.gradients())?;
-            match gradients.gradient(&quantity, parameters) {
+            match gradients.gradient(quantity, parameters) {
                 Err(Error::Input(_)) if more > 0 => more -= 1,
-                found => return found,
+                Err(other) => return Err(other),
+                Ok(found) => {
+                    return Ok(Gradient {
+                        value: factor * found.value,
+                        derivatives: found.derivatives.iter().map(|by| factor * by).collect(),
+                        ..found
+                    });
+                }
             }
             self.motion.run(1, &mut |_| {})?;
         }

@@ -1,7 +1,10 @@
-//! Recordings of markers on a body: how far they move from its rest shape until it hangs at rest, or how
-//! it swings.
+//! Recordings of a body: how far markers move from its rest shape until it hangs at rest, or how it swings;
+//! and other measurements of it at rest.
 
 use super::data::NumberTable;
+use super::readings::{
+    DisplacementsEntry, PointDisplacements, ReactionEntry, Readings, VolumeEntry,
+};
 use super::swing::{Swing, extremes_from_first};
 use crate::scene::MassEntry;
 use crate::{Error, Result};
@@ -30,18 +33,38 @@ const MAX_MISPLACED: f64 = 0.2;
 /// [[mass]]                             # loads in addition to those of the scene
 /// on = { x_above = 0.099, z_above = 0.029 }
 /// kg = 0.052
+///
+/// # Of a body at rest, beside takes or without:
+/// [displacements]
+/// file = "measured.vtu"                # its node field `displacement`, in file units of the body
+///
+/// [[reaction]]
+/// on = { x_below = 0.001 }             # fixed nodes
+/// direction = [0.0, 0.0, -1.0]
+/// newton = 1.02
+///
+/// [[volume]]
+/// region = "lung"
+/// ml = 410.0
 /// ```
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RecordingFile {
+    #[serde(default)]
     takes: Vec<PathBuf>,
-    straight: [f64; 2],
-    at_rest: [f64; 2],
+    straight: Option<[f64; 2]>,
+    at_rest: Option<[f64; 2]>,
     axes: Option<[String; 3]>,
     swing: Option<String>,
+    #[serde(default)]
     marker: Vec<MarkerEntry>,
     #[serde(default)]
     mass: Vec<MassEntry>,
+    displacements: Option<DisplacementsEntry>,
+    #[serde(default)]
+    reaction: Vec<ReactionEntry>,
+    #[serde(default)]
+    volume: Vec<VolumeEntry>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -51,9 +74,14 @@ struct MarkerEntry {
     at: [f64; 3],
 }
 
-/// What markers on a body did, and how it was loaded.
+/// What was measured of a body, and how it was loaded.
 #[derive(Clone, Debug)]
 pub(super) struct Recording {
+    /// The folder of its file.
+    folder: PathBuf,
+    displacements: Option<DisplacementsEntry>,
+    /// Reactions and volumes.
+    pub readings: Readings,
     /// Masses in addition to those of the scene.
     pub masses: Vec<MassEntry>,
     markers: Vec<MarkerEntry>,
@@ -77,10 +105,12 @@ struct Take {
 /// A recording in the frame of the body.
 #[derive(Clone, Debug)]
 pub(super) enum Recorded {
-    /// Places of the markers, in file units, and for each take how far they moved, m.
+    /// Places of the markers, in file units, and for each take how far they moved, m; the same of a
+    /// displacement field; and what else was measured.
     AtRest {
         places: Vec<DVec3>,
         displacements: Vec<Vec<DVec3>>,
+        field: PointDisplacements,
     },
     /// The place of a marker, in file units, and its swing in each take.
     Swing { place: DVec3, takes: Vec<Swing> },
@@ -96,17 +126,38 @@ impl Recording {
         let file: RecordingFile = toml::from_str(&text)
             .map_err(|e| Error::format(path, format!("{e} (recordings: docs/identify.md)")))?;
         let wrong = |what: String| Error::format(path, what);
-        if file.takes.is_empty() || file.marker.is_empty() {
+        let readings = Readings {
+            reactions: file.reaction,
+            volumes: file.volume,
+        };
+        readings.check().map_err(wrong)?;
+        let has_readings = file.displacements.is_some() || !readings.observed().is_empty();
+        let markers = (file.takes.is_empty(), file.marker.is_empty());
+        if markers != (false, false) && !(has_readings && markers == (true, true)) {
             return Err(wrong(
-                "a recording needs `takes`, files of marker positions, and a [[marker]] at least"
+                "a recording needs `takes`, files of marker positions, and a [[marker]] at least; without them, [displacements], a [[reaction]] or a [[volume]]"
                     .into(),
             ));
         }
+        if file.swing.is_some() && has_readings {
+            return Err(wrong(
+                "a swing is compared by itself; put [displacements], [[reaction]] and [[volume]] into a file of their own".into(),
+            ));
+        }
+        let when = |given: Option<[f64; 2]>, key: &str| match (given, file.takes.is_empty()) {
+            (Some(given), _) => Ok(given),
+            (None, true) => Ok([0.0; 2]),
+            (None, false) => Err(wrong(format!("takes need `{key}`, from when to when, s"))),
+        };
+        let (straight, at_rest) = (
+            when(file.straight, "straight")?,
+            when(file.at_rest, "at_rest")?,
+        );
         let rotation = match &file.axes {
             Some(axes) => Some(rotation_of(axes).ok_or_else(|| {
                 wrong("axes must be x, y and z once each, perhaps with a minus, and right-handed, such as [\"z\", \"-y\", \"x\"]".into())
             })?),
-            None if file.marker.len() < 3 => {
+            None if !file.marker.is_empty() && file.marker.len() < 3 => {
                 return Err(wrong(
                     "the frame of the recording is fitted to three markers or more; name them, or set `axes`".into(),
                 ));
@@ -125,13 +176,32 @@ impl Recording {
         let takes = takes.map(|take| Take::read(&folder.join(take), &file.marker));
         Ok(Recording {
             takes: takes.collect::<Result<_>>()?,
+            folder: folder.to_owned(),
+            displacements: file.displacements,
+            readings,
             masses: file.mass,
             markers: file.marker,
-            straight: file.straight,
-            at_rest: file.at_rest,
+            straight,
+            at_rest,
             rotation,
             swing,
         })
+    }
+
+    /// Returns a displacement field of a body under the loads of the scene.
+    pub fn of_displacements(file: &Path) -> Recording {
+        Recording {
+            folder: PathBuf::new(),
+            displacements: Some(DisplacementsEntry::of_file(file)),
+            readings: Readings::default(),
+            masses: Vec::new(),
+            markers: Vec::new(),
+            takes: Vec::new(),
+            straight: [0.0; 2],
+            at_rest: [0.0; 2],
+            rotation: None,
+            swing: None,
+        }
     }
 
     /// Returns what was recorded in the frame of a body whose file unit is `unit` metres.
@@ -175,6 +245,10 @@ impl Recording {
             None => Recorded::AtRest {
                 places,
                 displacements,
+                field: match &self.displacements {
+                    Some(entry) => entry.read(&self.folder, unit)?,
+                    None => PointDisplacements::default(),
+                },
             },
             Some(marker) => Recorded::Swing {
                 place: places[marker],

@@ -18,6 +18,8 @@ use std::path::Path;
 
 /// Weights below this part of the largest are left out of a combination.
 const SMALL_WEIGHT: f64 = 0.1;
+/// Intervals of a factor that are wider than this hardly tell it.
+const WIDE: f64 = 4.0;
 
 /// An unknown with its interval.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -30,10 +32,23 @@ pub struct IdentifiedValue {
     pub low: f64,
     /// The upper end.
     pub high: f64,
-    /// `Pa`, `kg/m³`, `file units`, or empty.
+    /// `Pa`, `kg/m³`, `m/s²`, `file units`, or empty.
     pub unit: &'static str,
     /// Whether the value is at a bound.
     pub at_bound: bool,
+}
+
+/// The factor of a stiffness that varies at a node of its grid.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StiffnessFactor {
+    /// The place of the node, in file units.
+    pub at: [f64; 3],
+    /// The factor that explains the data best.
+    pub factor: f64,
+    /// Ends of the interval that holds it with a probability of 90 %.
+    pub low: f64,
+    /// The upper end.
+    pub high: f64,
 }
 
 /// A measured number and the predicted one.
@@ -75,8 +90,10 @@ pub struct PressAdvice {
 /// The result of [`identify`](super::identify()).
 #[derive(Clone, Debug, Serialize)]
 pub struct Identified {
-    /// The unknowns.
+    /// The unknowns, without the nodes of a stiffness that varies.
     pub unknowns: Vec<IdentifiedValue>,
+    /// The factors at the nodes of a stiffness that varies.
+    pub stiffness: Vec<StiffnessFactor>,
     /// Root mean square of the residuals over the stated noise; over 1 % of the measured numbers if none is
     /// stated.
     pub misfit: f64,
@@ -88,7 +105,7 @@ pub struct Identified {
     pub converged: bool,
     /// Relative discretisation error of each experiment, which the intervals include; `null` if unknown.
     pub discretisation_errors: Vec<Option<f64>>,
-    /// Correlations of the unknowns.
+    /// Correlations of the unknowns, without the nodes.
     pub correlations: Vec<Vec<f64>>,
     /// Other values that explain the data nearly as well, from other starts.
     pub other_optima: Vec<Vec<f64>>,
@@ -104,11 +121,11 @@ pub struct Identified {
     /// The scene with the values, on the mesh of the identification.
     #[serde(skip)]
     pub scene: Scene,
-    /// That mesh; with the field of a lump.
+    /// That mesh; with the fields of a lump or a stiffness that varies.
     #[serde(skip)]
     pub mesh: TetMesh,
     #[serde(skip)]
-    has_lump: bool,
+    has_field: bool,
 }
 
 /// Compares measured numbers with those of a body without unknowns.
@@ -124,10 +141,10 @@ pub(super) fn compared(
     let (scene, mesh) = body.with_values(&[]);
     let errors = discretisation_errors(body, (&scene, &mesh), progress)?;
     let noise = options.noise.unwrap_or(UNIT_NOISE);
-    let rows = now.residuals.len().max(1) as f64;
-    let misfit = (now.sum_of_squares() / rows).sqrt();
+    let misfit = now.misfit();
     let mut found = Identified {
         unknowns: Vec::new(),
+        stiffness: Vec::new(),
         misfit,
         noise: options.noise.unwrap_or(UNIT_NOISE * misfit),
         is_misfit: false,
@@ -144,7 +161,7 @@ pub(super) fn compared(
         residuals: residuals(body, now),
         scene,
         mesh,
-        has_lump: false,
+        has_field: false,
     };
     let errors = error_sentences(&found.discretisation_errors, "");
     found.sentences.extend(errors);
@@ -167,7 +184,7 @@ pub(super) fn identified(
             body.unknowns()[k].name
         )));
     }
-    let (scene, mesh) = body.with_values(&best.values);
+    let (scene, mut mesh) = body.with_values(&best.values);
     let errors = discretisation_errors(body, (&scene, &mesh), progress)?;
     let relative: Vec<f64> = errors.iter().map(|error| error.unwrap_or(0.0)).collect();
     let uncertainty = Uncertainty::new(body, &best, options.noise, &relative);
@@ -175,8 +192,10 @@ pub(super) fn identified(
         true => best_press(body, (&best, &uncertainty), progress)?,
         false => None,
     };
+    mesh.fields.extend(uncertainty.spread_of_stiffness(body));
     let all = body.unknowns().iter().enumerate();
     let unknowns: Vec<IdentifiedValue> = all
+        .filter(|(k, _)| !body.grid_nodes.contains(k))
         .map(|(k, unknown)| {
             let [low, high] = uncertainty.interval(k, unknown, best.theta[k]);
             IdentifiedValue {
@@ -189,13 +208,13 @@ pub(super) fn identified(
             }
         })
         .collect();
-    let rows = best.residuals.len() as f64;
     let noise = body.standard_deviations().iter().zip(body.observations());
     let noise = noise
         .map(|(sigma, observed)| sigma / observed.scale)
         .fold(0.0, f64::max);
     let mut found = Identified {
-        misfit: (best.sum_of_squares() / rows).sqrt(),
+        stiffness: stiffness_factors(body, &best, &uncertainty),
+        misfit: best.misfit(),
         noise: match options.noise {
             Some(noise) => noise,
             None => noise * uncertainty.noise_factor,
@@ -203,7 +222,7 @@ pub(super) fn identified(
         is_misfit: uncertainty.is_misfit,
         converged: best.converged,
         discretisation_errors: errors,
-        correlations: uncertainty.correlations(),
+        correlations: uncertainty.correlations(&body.grid_nodes),
         other_optima: others.into_iter().map(|other| other.values).collect(),
         next_press,
         sentences: Vec::new(),
@@ -211,21 +230,48 @@ pub(super) fn identified(
         residuals: residuals(body, &best),
         scene,
         mesh,
-        has_lump: unknowns
-            .iter()
-            .any(|unknown| unknown.name.starts_with("lump.")),
+        has_field: body.unknowns().iter().any(|unknown| {
+            unknown.kind.is_lump() || matches!(unknown.kind, Kind::StiffnessNode(_))
+        }),
         unknowns,
     };
     found.sentences = sentences(&found, body.unknowns(), &uncertainty);
     Ok(found)
 }
 
+/// Returns the factors at the nodes of a stiffness that varies.
+fn stiffness_factors(
+    body: &MeasuredBody,
+    best: &Solution,
+    uncertainty: &Uncertainty,
+) -> Vec<StiffnessFactor> {
+    let places = body.grid.iter().flat_map(|grid| &grid.places);
+    let nodes = body.grid_nodes.clone().zip(places);
+    nodes
+        .map(|(k, at)| {
+            let [low, high] = uncertainty.interval(k, &body.unknowns()[k], best.theta[k]);
+            StiffnessFactor {
+                at: at.to_array(),
+                factor: best.values[k],
+                low,
+                high,
+            }
+        })
+        .collect()
+}
+
 fn unit_of(kind: &Kind) -> &'static str {
     match kind {
         Kind::Young(_) => "Pa",
-        Kind::LumpPosition(_) | Kind::LumpDiameter => "file units",
+        Kind::Pressure(_) => "Pa",
+        Kind::Gravity(_) => "m/s²",
+        Kind::LumpPosition(_) | Kind::LumpDiameter | Kind::FingerOffset(_) => "file units",
         Kind::Density(_) => "kg/m³",
-        Kind::Poisson(_) | Kind::DampingRatio | Kind::LumpContrast => "",
+        Kind::Poisson(_)
+        | Kind::DampingRatio
+        | Kind::LumpContrast
+        | Kind::StiffnessGrid(..)
+        | Kind::StiffnessNode(_) => "",
     }
 }
 
@@ -355,6 +401,7 @@ fn sentences(
             }
         ));
     }
+    all.extend(stiffness_sentences(&found.stiffness));
     for weights in &uncertainty.undetermined {
         all.push(format!(
             "the data do not determine {}; more places, depths or another tool might",
@@ -393,6 +440,33 @@ fn sentences(
             100.0 * advice.narrower
         )
     }));
+    all
+}
+
+/// Returns sentences about a stiffness that varies: the extremes, and where the data tell nothing.
+fn stiffness_sentences(factors: &[StiffnessFactor]) -> Vec<String> {
+    let by = |a: &&StiffnessFactor, b: &&StiffnessFactor| a.factor.total_cmp(&b.factor);
+    let (least, most) = (factors.iter().min_by(by), factors.iter().max_by(by));
+    let extreme = |what: &str, one: &StiffnessFactor| {
+        format!(
+            "the {what} place is {} times as stiff as the scene has it, 90 % interval {} to {}, at {}",
+            rounded(one.factor, 3),
+            rounded(one.low, 2),
+            rounded(one.high, 2),
+            one.at.map(|x| rounded(x, 3)).join(",")
+        )
+    };
+    let mut all: Vec<String> = Vec::new();
+    all.extend(most.map(|one| extreme("stiffest", one)));
+    all.extend(least.map(|one| extreme("softest", one)));
+    let wide = |one: &&StiffnessFactor| one.high / one.low > WIDE;
+    let unsure = factors.iter().filter(wide).count();
+    if unsure > 0 {
+        all.push(format!(
+            "at {unsure} of {} places of the grid the interval is wider than a factor of {WIDE}: the data hardly tell the stiffness there",
+            factors.len()
+        ));
+    }
     all
 }
 
@@ -442,19 +516,20 @@ fn combination(scaled: &[ScaledUnknown], weights: &[f64]) -> String {
 }
 
 impl Identified {
-    /// Returns the mesh with the field of stiffness factors of a lump, if that is among the unknowns.
-    pub fn lump_mesh(&self) -> Option<&TetMesh> {
-        self.has_lump.then_some(&self.mesh)
+    /// Returns the mesh with the field of stiffness factors, if a lump or a stiffness that varies is among
+    /// the unknowns.
+    pub fn mesh_with_field(&self) -> Option<&TetMesh> {
+        self.has_field.then_some(&self.mesh)
     }
 
-    /// Writes the scene file `from` with the values as `to`. A lump is written as a field of the mesh, beside
-    /// the scene with the extension `.vtu`.
+    /// Writes the scene file `from` with the values as `to`. A lump, or a stiffness that varies, is written as
+    /// a field of the mesh, beside the scene with the extension `.vtu`.
     ///
     /// # Errors
     /// As reading and writing a scene.
     pub fn write(&self, from: &Path, to: &Path) -> Result<()> {
         let mut patch = ScenePatch::read(from, to)?;
-        if self.has_lump {
+        if self.has_field {
             let file = to.with_extension("vtu");
             io::write(&file, &self.mesh)?;
             patch.use_mesh_beside(&file, &self.scene)?;
@@ -464,8 +539,17 @@ impl Identified {
         }
         for value in &self.unknowns {
             let path: Vec<&str> = value.name.split('.').collect();
-            if path[0] == "material" {
-                patch.set(&path, value.value)?;
+            match path[..] {
+                ["material", ..] => patch.set(&path, value.value)?,
+                ["gravity", _] => {
+                    let gravity = self.scene.solver.gravity.unwrap_or_default();
+                    patch.set(&["solver", "gravity"], gravity.to_vec())?;
+                }
+                ["pressure", number] => {
+                    let number: usize = number.parse().unwrap_or(1);
+                    patch.set_in_list(("pressure", number - 1), "pressure", value.value)?;
+                }
+                _ => {}
             }
         }
         patch.write(to, &self.sentences)

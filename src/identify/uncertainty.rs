@@ -3,8 +3,10 @@
 use super::forward::MeasuredBody;
 use super::least_squares::Solution;
 use super::unknown::ScaledUnknown;
+use crate::mesh::Field;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal, StudentsT};
+use std::ops::Range;
 
 /// Probability of an interval.
 pub(super) const PROBABILITY: f64 = 0.9;
@@ -42,9 +44,10 @@ impl Uncertainty {
         noise: Option<f64>,
         relative: &[f64],
     ) -> Uncertainty {
-        let (rows, columns) = best.jacobian.shape();
-        let freedom = rows.saturating_sub(columns) as f64;
-        let squares = best.sum_of_squares();
+        let columns = best.jacobian.ncols();
+        let information = best.jacobian.transpose() * &best.jacobian;
+        let freedom = (best.data as f64 - determined(best, &information)).max(0.0);
+        let squares = best.misfit_squares();
         let reduced = if freedom > 0.0 {
             (squares / freedom).sqrt()
         } else {
@@ -64,7 +67,6 @@ impl Uncertainty {
                 (if is_misfit { reduced } else { 1.0 }, normal, is_misfit)
             }
         };
-        let information = best.jacobian.transpose() * &best.jacobian;
         let scale = noise_factor.max(f64::MIN_POSITIVE).powi(2);
         let own = SymmetricEigen::new(information.clone());
         let variance = own
@@ -72,8 +74,9 @@ impl Uncertainty {
             .map(|x| (scale / x.max(0.0)).min(MAX_VARIANCE));
         let covariance =
             &own.eigenvectors * DMatrix::from_diagonal(&variance) * own.eigenvectors.transpose();
+        // Of a stiffness that varies a sentence tells where the data are silent.
         let undetermined = (0..columns)
-            .filter(|k| variance[*k].sqrt() > UNDETERMINED)
+            .filter(|k| body.grid.is_none() && variance[*k].sqrt() > UNDETERMINED)
             .map(|k| {
                 let direction = own.eigenvectors.column(k);
                 let largest = direction[direction.iamax()];
@@ -96,9 +99,19 @@ impl Uncertainty {
         [unknown.value(theta - half), unknown.value(theta + half)]
     }
 
-    /// Returns the correlations of the unknowns.
-    pub fn correlations(&self) -> Vec<Vec<f64>> {
-        let count = self.covariance.nrows();
+    /// Returns the field of the standard deviations of the logarithms of a stiffness that varies.
+    pub fn spread_of_stiffness(&self, body: &MeasuredBody) -> Option<Field> {
+        let first = body.grid_nodes.start;
+        let (_, pieces) = body.lump_elements().own_factors();
+        let covariance = |a: usize, b: usize| self.covariance[(first + a, first + b)];
+        let grid = body.grid.as_ref();
+        grid.map(|grid| grid.spread(pieces, &covariance))
+    }
+
+    /// Returns the correlations of the unknowns but those in `without`.
+    pub fn correlations(&self, without: &Range<usize>) -> Vec<Vec<f64>> {
+        let kept = (0..self.covariance.nrows()).filter(|k| !without.contains(k));
+        let kept: Vec<usize> = kept.collect();
         let of = |i: usize, k: usize| {
             let both = self.covariance[(i, i)] * self.covariance[(k, k)];
             if both > 0.0 {
@@ -107,10 +120,23 @@ impl Uncertainty {
                 0.0
             }
         };
-        (0..count)
-            .map(|i| (0..count).map(|k| of(i, k)).collect())
+        kept.iter()
+            .map(|i| kept.iter().map(|k| of(*i, *k)).collect())
             .collect()
     }
+}
+
+/// Returns the number of unknowns that the data determine: all without prior knowledge, otherwise the trace of
+/// (JᵀJ)⁻¹ times the part of JᵀJ by the data.
+fn determined(best: &Solution, information: &DMatrix<f64>) -> f64 {
+    let columns = best.jacobian.ncols();
+    if best.data == best.residuals.len() {
+        return columns as f64;
+    }
+    let own = best.jacobian.rows(0, best.data);
+    let by_data = own.transpose() * own;
+    let solved = information.clone().cholesky();
+    solved.map_or(columns as f64, |factor| factor.solve(&by_data).trace())
 }
 
 /// Returns by how much each θ changes if all numbers of an experiment are off by its relative error: the
@@ -131,7 +157,7 @@ fn shift(
     let mut row = 0;
     for (experiment, error) in body.experiments.iter().zip(relative) {
         let count = experiment.observed().len();
-        let mut off = DVector::zeros(sigma.len());
+        let mut off = DVector::zeros(best.residuals.len());
         for i in row..row + count {
             off[i] = error * best.predicted[i] / sigma[i];
         }

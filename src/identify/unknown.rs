@@ -1,5 +1,6 @@
 //! Unknowns: numbers of a scene, their bounds, and the scale on which they are adjusted.
 
+use super::stiffness_grid::Variation;
 use crate::scene::Scene;
 use crate::{Error, Result};
 
@@ -12,9 +13,18 @@ const DAMPING_BOUNDS: [f64; 2] = [1e-4, 2.0];
 const CONTRAST_BOUNDS: [f64; 2] = [0.02, 100.0];
 /// Bounds of the diameter of a lump relative to the largest extent of the body.
 const DIAMETER_BOUNDS: [f64; 2] = [0.01, 0.8];
-/// Changes that count as large: of Poisson's ratio, and of a position relative to the largest extent.
+/// Bounds of a component of gravity, m/s²; of a pressure, Pa; of the factors of a stiffness that varies; and of
+/// the offset of the fingertip, relative to the largest extent.
+const GRAVITY_BOUNDS: [f64; 2] = [-30.0, 30.0];
+const PRESSURE_BOUNDS: [f64; 2] = [1e-3, 1e9];
+const FACTOR_BOUNDS: [f64; 2] = [0.01, 100.0];
+const OFFSET_BOUND: f64 = 0.1;
+/// Changes that count as large: of Poisson's ratio, of a component of gravity, m/s², and of a position and an
+/// offset relative to the largest extent.
 const POISSON_SCALE: f64 = 0.1;
+const GRAVITY_SCALE: f64 = 1.0;
 const POSITION_SCALE: f64 = 0.1;
+const OFFSET_SCALE: f64 = 0.02;
 /// Values of a lump at the start: ratio of stiffnesses, and diameter relative to the largest extent.
 const FIRST_CONTRAST: f64 = 2.0;
 const FIRST_DIAMETER: f64 = 0.12;
@@ -36,6 +46,16 @@ pub(super) enum Kind {
     LumpDiameter,
     /// The ratio of its stiffness to that of the tissue around it.
     LumpContrast,
+    /// A component of gravity, m/s².
+    Gravity(usize),
+    /// A pressure of the scene, by its number, Pa.
+    Pressure(usize),
+    /// A component of how far the fingertip was from the stated places, in file units.
+    FingerOffset(usize),
+    /// A stiffness that varies, on a grid with cells of so many micrometres; stands for its nodes.
+    StiffnessGrid(u64, Variation),
+    /// The factor at a node of the grid.
+    StiffnessNode(usize),
 }
 
 impl Kind {
@@ -45,6 +65,11 @@ impl Kind {
             self,
             Kind::LumpPosition(_) | Kind::LumpDiameter | Kind::LumpContrast
         )
+    }
+
+    /// Whether derivatives by it are differences of predictions.
+    pub fn by_differences(&self) -> bool {
+        matches!(self, Kind::FingerOffset(_))
     }
 }
 
@@ -63,8 +88,11 @@ pub struct Unknown {
 impl Unknown {
     /// Parses the name of an unknown: `material.young`, `material.TISSUE.young`, `material.poisson`,
     /// `material.TISSUE.poisson`, `material.density`, `material.TISSUE.density`, `material.damping_ratio`
-    /// (at the scene's `damping_hz`), or `lump`, a ball with another stiffness, for the five unknowns `lump.x`,
-    /// `lump.y`, `lump.z`, `lump.diameter` and `lump.contrast`.
+    /// (at the scene's `damping_hz`); `lump`, a ball with another stiffness, for the five unknowns `lump.x`,
+    /// `lump.y`, `lump.z`, `lump.diameter` and `lump.contrast`; `stiffness:cage:LENGTH`, factors of the stiffness
+    /// on a grid with cells of that length (such as `8mm`), smooth, or with `:piecewise` behind it; `gravity.x`
+    /// (`y`, `z`); `pressure.N`, the scene's pressure N, counted from 1; or `finger.x` (`y`, `z`), how far the
+    /// fingertip was from the stated places.
     ///
     /// # Errors
     /// [`Error::Input`] for another name.
@@ -96,13 +124,40 @@ impl Unknown {
             ["lump", "z"] => one(Kind::LumpPosition(2)),
             ["lump", "diameter"] => one(Kind::LumpDiameter),
             ["lump", "contrast"] => one(Kind::LumpContrast),
+            ["gravity", axis] if let Some(k) = axis_of(axis) => one(Kind::Gravity(k)),
+            ["finger", axis] if let Some(k) = axis_of(axis) => one(Kind::FingerOffset(k)),
+            ["pressure", number] if let Ok(n @ 1..) = number.parse::<usize>() => {
+                one(Kind::Pressure(n - 1))
+            }
+            _ if let Some(grid) = grid_of(name) => one(grid),
             _ => {
                 return Err(Error::Input(format!(
-                    "unknown \"{name}\" cannot be identified; expected material.young, material.TISSUE.young, material.poisson, material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio, or lump"
+                    "unknown \"{name}\" cannot be identified; expected material.young, material.TISSUE.young, material.poisson, material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio, lump, stiffness:cage:LENGTH (such as 8mm), gravity.x, pressure.1 or finger.x"
                 )));
             }
         })
     }
+}
+
+fn axis_of(name: &str) -> Option<usize> {
+    ["x", "y", "z"].iter().position(|own| *own == name)
+}
+
+/// Parses `stiffness:cage:8mm` and `stiffness:cage:8mm:piecewise`.
+fn grid_of(name: &str) -> Option<Kind> {
+    let words: Vec<&str> = name.split(':').collect();
+    let (length, variation) = match words[..] {
+        ["stiffness", "cage", length] => (length, Variation::Smooth),
+        ["stiffness", "cage", length, "smooth"] => (length, Variation::Smooth),
+        ["stiffness", "cage", length, "piecewise"] => (length, Variation::Piecewise),
+        _ => return None,
+    };
+    let units = [("mm", 1e3), ("cm", 1e4), ("m", 1e6)];
+    let (number, micrometres) = units
+        .iter()
+        .find_map(|(unit, um)| Some((length.strip_suffix(unit)?, um)))?;
+    let length = number.trim().parse::<f64>().ok()? * micrometres;
+    (length.is_finite() && length >= 1.0).then_some(Kind::StiffnessGrid(length as u64, variation))
 }
 
 /// An unknown with its bounds and first value in a body, and its scale: θ = ln v, or v over a large
@@ -158,6 +213,21 @@ impl ScaledUnknown {
                 None,
             ),
             Kind::LumpContrast => (CONTRAST_BOUNDS, FIRST_CONTRAST, None),
+            Kind::Gravity(k) => {
+                let gravity = scene.solver.gravity.ok_or_else(|| {
+                    Error::Input(
+                        "gravity is no entry of the scene; set its first value ([solver] gravity)"
+                            .into(),
+                    )
+                })?;
+                (GRAVITY_BOUNDS, gravity[*k], Some(GRAVITY_SCALE))
+            }
+            Kind::Pressure(n) => (PRESSURE_BOUNDS, scene.steady_pressure(*n)?, None),
+            Kind::FingerOffset(_) => {
+                let most = OFFSET_BOUND * extent;
+                ([-most, most], 0.0, Some(OFFSET_SCALE * extent))
+            }
+            Kind::StiffnessGrid(..) | Kind::StiffnessNode(_) => (FACTOR_BOUNDS, 1.0, None),
         };
         let [least, most] = unknown.bounds.unwrap_or(bounds);
         let first = unknown.first.unwrap_or(first.clamp(least, most));
@@ -216,7 +286,29 @@ mod tests {
         };
         assert_eq!(names("material.fat.young"), ["material.fat.young"]);
         assert_eq!(names("lump").len(), 5);
-        for wrong in ["", "young", "material.fat.damping_ratio", "lump.depth"] {
+        let kind = |name: &str| Unknown::parse(name).unwrap()[0].kind.clone();
+        let (smooth, piecewise) = (Variation::Smooth, Variation::Piecewise);
+        assert_eq!(
+            kind("stiffness:cage:8mm"),
+            Kind::StiffnessGrid(8_000, smooth)
+        );
+        assert_eq!(
+            kind("stiffness:cage:1.5cm:piecewise"),
+            Kind::StiffnessGrid(15_000, piecewise)
+        );
+        assert_eq!(kind("pressure.2"), Kind::Pressure(1));
+        assert_eq!(kind("gravity.z"), Kind::Gravity(2));
+        for wrong in [
+            "",
+            "young",
+            "material.fat.damping_ratio",
+            "lump.depth",
+            "stiffness:cage:8",
+            "stiffness:cage:-1mm",
+            "stiffness:cage:8mm:odd",
+            "pressure.0",
+            "gravity.w",
+        ] {
             let why = Unknown::parse(wrong).unwrap_err().to_string();
             assert!(why.contains("expected material.young"), "{why}");
         }

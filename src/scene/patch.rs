@@ -68,6 +68,24 @@ impl ScenePatch {
         Ok(())
     }
 
+    /// Sets the key of a table in the list of tables of this name.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the scene has no such table.
+    pub fn set_in_list(
+        &mut self,
+        (list, number): (&str, usize),
+        key: &str,
+        value: impl Into<Value>,
+    ) -> Result<()> {
+        let tables = self.entries.get_mut(list).and_then(Value::as_array_mut);
+        let table = tables.and_then(|tables| tables.get_mut(number)?.as_table_mut());
+        let table = table
+            .ok_or_else(|| Error::Input(format!("the scene has no [[{list}]] {}", number + 1)))?;
+        table.insert(key.to_owned(), value.into());
+        Ok(())
+    }
+
     /// Replaces the mesh by that in `file`, which is in the folder of the written scene, in the unit of
     /// `scene`.
     ///

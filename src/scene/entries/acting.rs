@@ -1,6 +1,7 @@
 //! Entries of pressures, prescribed displacements and muscles.
 
-use crate::scene::{LabelOrName, Region};
+use crate::scene::{LabelOrName, Region, Scene};
+use crate::{Error, Result};
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -105,4 +106,32 @@ pub(crate) enum FibreEntry {
     Along([f64; 3]),
     /// Name of a vector field with one vector per tetrahedron.
     Field(String),
+}
+
+impl Scene {
+    /// Returns pressure `n` of the scene, Pa.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if it does not exist, or changes over time.
+    pub(crate) fn steady_pressure(&self, n: usize) -> Result<f64> {
+        match self.pressure.get(n).map(|entry| &entry.pressure) {
+            Some(TimeSeries::Steady(pressure)) => Ok(*pressure),
+            Some(TimeSeries::Keys(_)) => Err(Error::Input(format!(
+                "pressure.{} changes over time; give it as one number ([[pressure]] pressure)",
+                n + 1
+            ))),
+            None => Err(Error::Input(format!(
+                "the scene has no pressure.{}; it has {} ([[pressure]])",
+                n + 1,
+                self.pressure.len()
+            ))),
+        }
+    }
+
+    /// Sets pressure `n` of the scene, Pa, if it exists.
+    pub(crate) fn set_pressure(&mut self, n: usize, pascal: f64) {
+        if let Some(entry) = self.pressure.get_mut(n) {
+            entry.pressure = TimeSeries::Steady(pascal);
+        }
+    }
 }
