@@ -97,6 +97,8 @@ def identify(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     first: Mapping[str, float] | None = None,
     starts: int = 1,
+    first_start: int = 0,
+    profile: str | Sequence[str] = (),
     advice: bool = True,
     adapter: str | None = None,
     progress: Progress | None = None,
@@ -118,6 +120,9 @@ def identify(
         bounds: lower and upper bounds of unknowns.
         first: values of unknowns at the start; default: those of the scene.
         starts: number of starts from different values.
+        first_start: number of the first of them, counted from 0.
+        profile: unknowns whose intervals are found by profile likelihood, which takes some tens of
+            predictions each.
         advice: whether to find the further press that would tell most.
         adapter: graphics adapter.
         progress: called with the current stage and its completed fraction. Ctrl-C, or an exception it
@@ -140,6 +145,8 @@ def identify(
                 [(name, (float(low), float(high))) for name, (low, high) in (bounds or {}).items()],
                 [(name, float(value)) for name, value in (first or {}).items()],
                 starts,
+                first_start,
+                [profile] if isinstance(profile, str) else list(profile),
                 advice,
                 adapter,
                 progress,

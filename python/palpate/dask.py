@@ -1,5 +1,5 @@
-"""Distributed rendering and simulation: frames, sweeps, stiffness maps and pieces of large bodies as
-tasks of dask.distributed.
+"""Distributed rendering and simulation: frames, sweeps, stiffness maps, identifications and pieces of large
+bodies as tasks of dask.distributed.
 
 Each function takes a ``distributed.Client`` of this machine (``LocalCluster``) or of a cluster
 (dask-jobqueue, clouds), whose workers have this package and access the same files. Each task is one
@@ -16,7 +16,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import fspath
 from pathlib import Path
 from typing import Any, Union
@@ -25,7 +25,9 @@ import numpy as np
 
 from . import _palpate
 from ._camera import CameraLike
-from ._errors import InputError
+from ._errors import Error, InputError
+from ._identify import Identified, Measurement
+from ._identify import identify as _identified
 from ._mesh import Mesh, PathOf
 from ._press import PressMap, _found_before, _keep, _measured, _percent, _with_files
 from ._scene import BodyLike, Scene, picture_entries
@@ -266,6 +268,64 @@ def press_map(
     return _measured(native)
 
 
+def identify(
+    body: BodyLike,
+    data: Sequence[Measurement | Sequence[Measurement]],
+    unknown: str | Sequence[str],
+    client: Any,
+    *,
+    starts: int = 1,
+    each: Callable[[int, int, Identified], None] | None = None,
+    adapter: str | None = None,
+    **options: Any,
+) -> list[Identified]:
+    """Finds material parameters as :func:`palpate.identify`, one task per set of measurements and start.
+
+    Args:
+        body: mesh, body, scene of one body, or path of a file.
+        data: sets of measurements; each is explained by itself.
+        unknown: names of the unknowns.
+        client: ``distributed.Client``.
+        starts: number of starts from different values for each set.
+        each: called with the index of the set, the number of the start and the result of each completed
+            task.
+        adapter: graphics adapter of the workers.
+        options: ``noise``, ``bounds``, ``first``, ``profile`` and ``advice`` as in :func:`palpate.identify`.
+
+    Returns:
+        For each set the result with the smallest misfit. Its ``other_optima`` are values of other starts
+        outside of its intervals with a misfit of at most twice its own.
+    """
+    scene = Scene.from_any(body)
+    futures = {
+        client.submit(
+            _identify,
+            scene,
+            one,
+            unknown,
+            {**options, "adapter": adapter, "first_start": start},
+            pure=False,
+            retries=RETRIES,
+        ): (n, start)
+        for n, one in enumerate(data)
+        for start in range(starts)
+    }
+    found: list[list[Identified]] = [[] for _ in data]
+    for future in _as_completed(futures):
+        n, start = futures[future]
+        try:
+            result = future.result()
+        except Error:
+            # Values far from the first ones may have no equilibrium.
+            if start == 0:
+                raise
+            continue
+        found[n].append(result)
+        if each is not None:
+            each(n, start, result)
+    return [_best(results) for results in found]
+
+
 @dataclass(frozen=True)
 class DrawnPiece:
     """Rendered piece of a body.
@@ -491,6 +551,25 @@ def _press(
     native.take_over([None if n == number else failed for n in range(count)])
     native.measure(None)
     return native.found()[number] or failed
+
+
+def _identify(
+    scene: Scene, data: Any, unknown: str | Sequence[str], options: dict[str, Any]
+) -> Identified:
+    return _identified(scene, data, unknown, **options)
+
+
+def _best(results: Sequence[Identified]) -> Identified:
+    """Returns the result with the smallest misfit; other optima are in its report."""
+    best, *others = sorted(results, key=lambda one: float(one.report["misfit"]))
+    misfit = 2 * float(best.report["misfit"])
+
+    def differs(one: Identified) -> bool:
+        inside = (low <= one.values[name] <= high for name, (low, high) in best.intervals.items())
+        return not all(inside)
+
+    optima = [list(one.values.values()) for one in others if one.report["misfit"] <= misfit and differs(one)]
+    return replace(best, report={**best.report, "other_optima": optima})
 
 
 def _as_completed(futures: Iterable[Any]) -> Iterable[Any]:

@@ -25,6 +25,8 @@ pub fn identify(
     bounds: Vec<(String, [f64; 2])>,
     first: Vec<(String, f64)>,
     starts: u32,
+    first_start: u32,
+    profiled: Vec<String>,
     advise: bool,
     adapter: Option<String>,
     progress: Option<Py<PyAny>>,
@@ -38,7 +40,10 @@ pub fn identify(
             unknowns: unknowns(&unknown, &bounds, &first)?,
             noise,
             starts,
+            first_start,
+            profiled,
             advise,
+            earlier: Vec::new(),
         };
         palpate::identify::identify(&gpu, &scene, &data, &options, &mut |_| Ok(()), progress)
     })?;

@@ -179,3 +179,34 @@ def test_pieces_reject_unsupported_settings(client, tmp_path: Path) -> None:
         box.write(index)
     # All of it is a mesh like any other.
     assert np.array_equal(palpate.Mesh.read(index).tets, box.tets)
+
+
+def test_identify_takes_sets_and_starts(client) -> None:
+    def block(young: float) -> palpate.Scene:
+        material = {"young": young, "poisson": 0.3, "order": 1}
+        return palpate.Scene({"mesh": {"generate": "box", "tets": 300}, "material": material})
+
+    def curve(young: float) -> palpate.PressCurve:
+        press = palpate.press(block(young), radius=0.03, depth=0.008, size=(48, 32), errors=False)
+        loading = press.loading & (press.depth > 0)
+        return palpate.PressCurve(
+            press.point, press.report["direction"], 0.03, press.depth[loading], press.force[loading]
+        )
+
+    sets = [curve(1e4), [curve(3e4)]]
+    came: list[tuple[int, int]] = []
+    found = palpate.dask.identify(
+        block(6e3),
+        sets,
+        "material.young",
+        client,
+        starts=2,
+        each=lambda n, start, _: came.append((n, start)),
+        noise=0.01,
+        advice=False,
+    )
+    assert sorted(came) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert [one.values["material.young"] for one in found] == pytest.approx([1e4, 3e4], rel=0.01)
+    assert all(one.report["other_optima"] == [] for one in found)
+    alone = palpate.identify(block(6e3), sets[0], "material.young", noise=0.01, advice=False)
+    assert found[0].values["material.young"] == pytest.approx(alone.values["material.young"], rel=1e-4)

@@ -109,45 +109,11 @@ impl<'a> MeasuredBody<'a> {
         }
         let scene = of_order(&scene, order);
         let (low, high) = mesh.bounds();
-        let extents = (low.to_array(), high.to_array());
         let lump = LumpElements::new(&mesh, scene.material.stiffness_field.as_deref())?;
         let unit = scene.length_unit(&mesh)?.unwrap_or(1.0);
         let grid = grid_of(options, &lump, (unit, (low, high)))?;
-        let listed = with_grid_nodes(&options.unknowns, grid.as_ref());
-        let is_node = |unknown: &Unknown| matches!(unknown.kind, Kind::StiffnessNode(_));
-        let first = listed.iter().position(is_node).unwrap_or(0);
-        let grid_nodes = first..first + grid.as_ref().map_or(0, |grid| grid.places.len());
-        let scaled = listed.iter();
-        let unknowns = scaled.map(|unknown| ScaledUnknown::new(unknown, &scene, extents));
-        let unknowns: Vec<ScaledUnknown> = unknowns.collect::<Result<_>>()?;
-        for (k, unknown) in unknowns.iter().enumerate() {
-            if unknowns[..k].iter().any(|other| other.name == unknown.name) {
-                return Err(Error::Input(format!(
-                    "{} is named twice (--unknown)",
-                    unknown.name
-                )));
-            }
-        }
-        let tets = unknowns.iter().map(|unknown| match &unknown.kind {
-            Kind::Young(tissue) | Kind::Poisson(tissue) | Kind::Density(tissue) => {
-                scene.material.tets_of(tissue.as_deref(), &mesh)
-            }
-            _ => Ok(Vec::new()),
-        });
-        let tets: Vec<Vec<u32>> = tets.collect::<Result<_>>()?;
-        let empty = |(unknown, tets): &(&ScaledUnknown, &Vec<u32>)| {
-            let of_tissue = matches!(
-                unknown.kind,
-                Kind::Young(_) | Kind::Poisson(_) | Kind::Density(_)
-            );
-            of_tissue && tets.is_empty()
-        };
-        if let Some((unknown, _)) = unknowns.iter().zip(&tets).find(empty) {
-            return Err(Error::Input(format!(
-                "the data do not depend on {}: no tet consists of it",
-                unknown.name
-            )));
-        }
+        let (unknowns, grid_nodes) = scaled_unknowns(options, (&scene, &mesh), grid.as_ref())?;
+        let tets = tets_of(&unknowns, (&scene, &mesh))?;
         let mut body = MeasuredBody {
             lump,
             grid,
@@ -385,6 +351,50 @@ fn grid_of(
     }
     let spacing = 1e-6 * micrometres as f64 / unit;
     StiffnessGrid::new(elements, bounds, (spacing, variation)).map(Some)
+}
+
+/// Returns the unknowns of a body, and the numbers of those at the nodes of a grid.
+fn scaled_unknowns(
+    options: &IdentifyOptions,
+    (scene, mesh): (&Scene, &TetMesh),
+    grid: Option<&StiffnessGrid>,
+) -> Result<(Vec<ScaledUnknown>, Range<usize>)> {
+    let (low, high) = mesh.bounds();
+    let extents = (low.to_array(), high.to_array());
+    let listed = with_grid_nodes(&options.unknowns, grid);
+    let is_node = |unknown: &Unknown| matches!(unknown.kind, Kind::StiffnessNode(_));
+    let first = listed.iter().position(is_node).unwrap_or(0);
+    let nodes = first..first + grid.map_or(0, |grid| grid.places.len());
+    let scaled = listed.iter();
+    let scaled = scaled.map(|unknown| ScaledUnknown::new(unknown, scene, extents));
+    let unknowns: Vec<ScaledUnknown> = scaled.collect::<Result<_>>()?;
+    for (k, unknown) in unknowns.iter().enumerate() {
+        if unknowns[..k].iter().any(|other| other.name == unknown.name) {
+            return Err(Error::Input(format!(
+                "{} is named twice (--unknown)",
+                unknown.name
+            )));
+        }
+    }
+    Ok((unknowns, nodes))
+}
+
+/// Returns the tets of each unknown of a tissue.
+fn tets_of(unknowns: &[ScaledUnknown], (scene, mesh): (&Scene, &TetMesh)) -> Result<Vec<Vec<u32>>> {
+    let of = |unknown: &ScaledUnknown| match &unknown.kind {
+        Kind::Young(tissue) | Kind::Poisson(tissue) | Kind::Density(tissue) => {
+            let tets = scene.material.tets_of(tissue.as_deref(), mesh)?;
+            match tets.is_empty() {
+                true => Err(Error::Input(format!(
+                    "the data do not depend on {}: no tet consists of it",
+                    unknown.name
+                ))),
+                false => Ok(tets),
+            }
+        }
+        _ => Ok(Vec::new()),
+    };
+    unknowns.iter().map(of).collect()
 }
 
 /// Returns the unknowns with those at the nodes of the grid in place of the grid.

@@ -1,6 +1,7 @@
 //! Weighted least squares by Levenberg and Marquardt's method, within bounds (Moré 1978, "The
 //! Levenberg–Marquardt algorithm: implementation and theory").
 
+use super::IdentifyStep;
 use super::forward::{MeasuredBody, Prediction};
 use super::unknown::ScaledUnknown;
 use crate::{Error, ProgressFn, Result};
@@ -28,9 +29,12 @@ const SAME: f64 = 0.2;
 pub(super) type OnStep<'a> = &'a mut dyn FnMut(u32, f64, &[f64]) -> Result<()>;
 
 /// The body, and how to stop.
+#[derive(Clone, Copy)]
 pub(super) struct Model<'a, 'b> {
     pub body: &'a MeasuredBody<'b>,
     pub progress: ProgressFn<'a>,
+    /// An unknown that keeps its value.
+    pub held: Option<usize>,
 }
 
 /// Values at the start.
@@ -49,6 +53,16 @@ impl Start {
         Start {
             theta: DVector::from_iterator(values.len(), theta),
         }
+    }
+
+    /// Returns a start where an earlier search was.
+    pub fn from_step(step: &IdentifyStep, unknowns: &[ScaledUnknown]) -> Start {
+        let value = |unknown: &ScaledUnknown| {
+            let own = step.values.iter().find(|(name, _)| *name == unknown.name);
+            own.map_or(unknown.first, |(_, value)| *value)
+        };
+        let values: Vec<f64> = unknowns.iter().map(value).collect();
+        Start::at(&values, unknowns)
     }
 
     /// Returns start `n`: the first values, then others, spread within the bounds around them.
@@ -251,7 +265,7 @@ impl Model<'_, '_> {
         let gradient = now.jacobian.transpose() * &now.residuals;
         let normal = now.jacobian.transpose() * &now.jacobian;
         let largest = normal.diagonal().amax();
-        let mut held = vec![false; count];
+        let mut held: Vec<bool> = (0..count).map(|k| self.held == Some(k)).collect();
         loop {
             let free: Vec<usize> = (0..count).filter(|k| !held[*k]).collect();
             let mut change = DVector::zeros(count);

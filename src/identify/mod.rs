@@ -12,12 +12,15 @@ mod forward;
 mod least_squares;
 mod lump;
 mod lump_start;
+mod picture;
 mod predict_presses;
 mod predict_recordings;
+mod profile;
 mod readings;
 mod recorded_body;
 mod recording;
 mod report;
+mod sentences;
 mod stiffness_grid;
 mod swing;
 #[cfg(test)]
@@ -30,11 +33,15 @@ pub use report::{Identified, IdentifiedValue, PressAdvice, Residual, StiffnessFa
 pub use unknown::Unknown;
 
 use crate::gpu::Gpu;
-use crate::scene::Scene;
+use crate::scene::{Scene, scene_hash};
 use crate::{Error, ProgressFn, Result};
 use forward::MeasuredBody;
-use least_squares::{Model, Start};
+use least_squares::{Model, Solution, Start};
+use serde::{Deserialize, Serialize};
 use web_time::Instant;
+
+/// Name for all unknowns.
+const ALL: &str = "all";
 
 /// What to identify, and how.
 #[derive(Clone, Debug, Default)]
@@ -44,14 +51,36 @@ pub struct IdentifyOptions {
     /// Standard deviation of the measured numbers: of a curve relative to its largest force, of a map
     /// relative to each stiffness. Without it, it is estimated from the residuals.
     pub noise: Option<f64>,
-    /// Number of starts; each but the first from other values within the bounds.
+    /// Number of starts; each but the first of all from other values within the bounds.
     pub starts: u32,
+    /// Number of the first start, counted from 0: other computers may take those before it.
+    pub first_start: u32,
+    /// Names of unknowns whose intervals are found by profile likelihood; `all` for all but the nodes of a
+    /// grid.
+    pub profiled: Vec<String>,
     /// Whether to find the press that would tell most.
     pub advise: bool,
+    /// Steps of an earlier search of the same unknowns, with which each start goes on.
+    pub earlier: Vec<IdentifyStep>,
+}
+
+impl IdentifyOptions {
+    /// Whether the interval of an unknown is found by profile likelihood.
+    fn profiles(&self, unknown: &str) -> bool {
+        self.profiled.iter().any(|own| own == unknown || own == ALL)
+    }
+
+    /// Returns a hash of the unknowns, the scene and the data: steps with another fingerprint are of another
+    /// search.
+    pub fn fingerprint(&self, scene: &Scene, data: &[Experiment]) -> u64 {
+        let mut crc = flate2::Crc::new();
+        crc.update(format!("{:?} {:?} {data:?}", self.unknowns, self.noise).as_bytes());
+        (u64::from(scene_hash(scene)) << 32) | u64::from(crc.sum())
+    }
 }
 
 /// One step of an identification, for progress reports.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct IdentifyStep {
     /// Number of the start, counted from 1.
     pub start: u32,
@@ -80,20 +109,38 @@ pub fn identify(
 ) -> Result<Identified> {
     let clock = Instant::now();
     let body = MeasuredBody::new(gpu, scene, data, options)?;
-    let unknowns = body.unknowns();
-    if unknowns.is_empty() {
-        let now = Model {
-            body: &body,
-            progress,
-        };
-        let now = now.at(&Start::number(0, unknowns).theta)?;
-        return report::compared(&body, &now, options, progress).map(|mut found| {
-            found.seconds = clock.elapsed().as_secs_f64();
-            found
-        });
-    }
+    let model = Model {
+        body: &body,
+        progress,
+        held: None,
+    };
+    let mut identified = if body.unknowns().is_empty() {
+        let now = model.at(&Start::number(0, &[]).theta)?;
+        report::compared(&body, &now, options, progress)?
+    } else {
+        check(&body, options)?;
+        let found = search(&model, options, on_step)?;
+        report::identified(&model, found, options)?
+    };
+    identified.seconds = clock.elapsed().as_secs_f64();
+    Ok(identified)
+}
+
+/// Returns the numbers that a scene predicts for experiments, in their order.
+///
+/// # Errors
+/// As [`identify`].
+#[cfg(feature = "study")]
+pub(crate) fn predicted(gpu: &Gpu, scene: &Scene, data: &[Experiment]) -> Result<Vec<f64>> {
+    let body = MeasuredBody::new(gpu, scene, data, &IdentifyOptions::default())?;
+    let prediction = body.predict(&[], &crate::no_progress)?;
+    Ok(prediction.numbers)
+}
+
+/// Checks that the data may determine the unknowns.
+fn check(body: &MeasuredBody, options: &IdentifyOptions) -> Result<()> {
     // What is known before the data determines the nodes of a grid.
-    let determined = unknowns.len() - body.grid_nodes.len();
+    let determined = body.unknowns().len() - body.grid_nodes.len();
     if body.observations().len() < determined + usize::from(options.noise.is_none()) {
         return Err(Error::Input(format!(
             "{} measured numbers do not determine {} unknowns{}; give more data (--data), or fewer unknowns",
@@ -105,6 +152,25 @@ pub fn identify(
             }
         )));
     }
+    let is_known = |name: &&String| {
+        let mut names = body.unknowns().iter().map(|own| own.name.as_str());
+        *name == ALL || names.any(|own| own == *name)
+    };
+    match options.profiled.iter().find(|name| !is_known(name)) {
+        None => Ok(()),
+        Some(name) => Err(Error::Input(format!(
+            "\"{name}\" is no unknown, so that it has no interval (--profile)"
+        ))),
+    }
+}
+
+/// Searches from each start. Returns the best optimum, and others that explain the data nearly as well.
+fn search(
+    model: &Model,
+    options: &IdentifyOptions,
+    on_step: &mut dyn FnMut(&IdentifyStep) -> Result<()>,
+) -> Result<(Solution, Vec<Solution>)> {
+    let unknowns = model.body.unknowns();
     let named = |values: &[f64]| {
         let pairs = unknowns.iter().zip(values);
         pairs
@@ -112,38 +178,37 @@ pub fn identify(
             .collect()
     };
     let mut found = Vec::new();
-    for start in 0..options.starts.max(1) {
-        let chosen = match start {
-            0 => lump_start::start_at_best_ball(&body, progress)?,
-            _ => None,
+    let starts = options.first_start..options.first_start + options.starts.max(1);
+    for start in starts.clone() {
+        let earlier = options.earlier.iter().rev();
+        let mut earlier = earlier.filter(|step| step.start == start + 1);
+        let (from, steps) = match (earlier.next(), start) {
+            (Some(last), _) => (Start::from_step(last, unknowns), last.step),
+            (None, 0) => {
+                let ball = lump_start::start_at_best_ball(model.body, model.progress)?;
+                (ball.unwrap_or_else(|| Start::number(0, unknowns)), 0)
+            }
+            (None, _) => (Start::number(start, unknowns), 0),
         };
-        let from = chosen.unwrap_or_else(|| Start::number(start, unknowns));
         let mut each = |step: u32, misfit: f64, values: &[f64]| {
             on_step(&IdentifyStep {
                 start: start + 1,
-                step,
+                step: step + steps,
                 misfit,
                 values: named(values),
             })
         };
-        let model = Model {
-            body: &body,
-            progress,
-        };
-        match (least_squares::minimise(&model, &from, &mut each), start) {
-            (Ok(solution), _) => found.push(solution),
+        match least_squares::minimise(model, &from, &mut each) {
+            Ok(solution) => found.push(solution),
             // Values far from the first ones may have no equilibrium.
-            (Err(Error::Input(_) | Error::Solver { .. }), 1..) => {}
-            (Err(error), _) => return Err(error),
+            Err(Error::Input(_) | Error::Solver { .. }) if start > starts.start => {}
+            Err(error) => return Err(error),
         }
     }
     found.sort_by(|a, b| a.sum_of_squares().total_cmp(&b.sum_of_squares()));
-    let hollows = least_squares::distinct(&found);
+    let others = least_squares::distinct(&found);
     let best = found.into_iter().next().ok_or_else(|| {
         Error::Input("no start has led to values with an equilibrium; set bounds (--bounds)".into())
     })?;
-    report::identified(&body, (best, hollows), options, progress).map(|mut identified| {
-        identified.seconds = clock.elapsed().as_secs_f64();
-        identified
-    })
+    Ok((best, others))
 }

@@ -14,11 +14,12 @@ use std::path::{Path, PathBuf};
 const POINTS: usize = 40;
 /// Largest distance of its points from the body, relative to the diagonal of the body.
 const MAX_DISTANCE: f64 = 0.05;
-/// Litres in millilitres per m³.
+/// Millilitres in a m³, and metres in a millimetre.
 const MILLILITRES: f64 = 1e6;
+const MILLIMETRE: f64 = 1e-3;
 
 /// A measured displacement field: a mesh with vectors at its nodes, in its own unit, which is that of the
-/// body.
+/// body; or a volume of vectors in millimetres, LPS.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DisplacementsEntry {
@@ -81,6 +82,9 @@ impl DisplacementsEntry {
     /// [`Error::Format`] or [`Error::Io`] naming the file and what it lacks.
     pub fn read(&self, folder: &Path, unit: f64) -> Result<PointDisplacements> {
         let path = folder.join(&self.file);
+        if is_volume(&path) {
+            return self.of_volume(&path, unit);
+        }
         let mesh = io::read(&path)?;
         let name = self.field.as_deref().unwrap_or("displacement");
         let field = mesh.field(name, Location::Node);
@@ -92,36 +96,65 @@ impl DisplacementsEntry {
                 ),
             )
         })?;
-        let vectors: Vec<DVec3> = field
-            .values
-            .as_chunks::<3>()
-            .0
-            .iter()
-            .map(|v| DVec3::from(*v))
-            .collect();
-        let known: Vec<usize> = (0..vectors.len())
-            .filter(|k| vectors[*k].is_finite())
-            .collect();
+        let vectors = field.values.as_chunks::<3>().0.iter();
+        let vectors = vectors.map(|v| DVec3::from(*v));
+        let known = mesh.nodes.iter().copied().zip(vectors);
+        let known: Vec<(DVec3, DVec3)> = known.filter(|(_, v)| v.is_finite()).collect();
         if known.is_empty() {
             return Err(Error::format(
                 &path,
                 format!("no vector of \"{name}\" is finite"),
             ));
         }
-        let count = self.points.unwrap_or(POINTS).clamp(1, known.len());
+        Ok(self.spread(known, unit))
+    }
+
+    /// Reads the vectors of a volume, in millimetres along the axes of LPS, at the centres of its voxels; those
+    /// that are 0 are outside of the body, or held.
+    fn of_volume(&self, path: &Path, unit: f64) -> Result<PointDisplacements> {
+        let component = |n: usize| io::read_volume_number(path, Some(n));
+        let [x, y, z] = [component(0)?, component(1)?, component(2)?];
+        let mut known = Vec::new();
+        for n in 0..x.voxels() {
+            let vector = DVec3::new(-x.value(n), -y.value(n), z.value(n));
+            if vector.is_finite() && vector != DVec3::ZERO {
+                let [wide, deep, _] = x.size;
+                let at = x.centre(n % wide, n / wide % deep, n / (wide * deep));
+                known.push((MILLIMETRE / unit * at, MILLIMETRE / unit * vector));
+            }
+        }
+        match known.is_empty() {
+            true => Err(Error::format(
+                path,
+                "all vectors of the displacement field are 0; it needs millimetres (LPS) in three components, as palpate warp --displacement writes it".to_owned(),
+            )),
+            false => Ok(self.spread(known, unit)),
+        }
+    }
+
+    /// Returns some of these nodes and vectors, spread by number, with vectors in metres.
+    fn spread(&self, known: Vec<(DVec3, DVec3)>, unit: f64) -> PointDisplacements {
+        let count = self.points.unwrap_or(POINTS).clamp(1, known.len().max(1));
         let mut found = PointDisplacements::default();
-        for n in 0..count {
-            let k = known[n * known.len() / count];
-            let own = mesh.nodes[k];
+        for n in 0..count.min(known.len()) {
+            let (own, vector) = known[(2 * n + 1) * known.len() / (2 * count)];
             let at_rest = match self.moved {
-                true => own - vectors[k],
+                true => own - vector,
                 false => own,
             };
             found.places.push(at_rest);
-            found.displacements.push(unit * vectors[k]);
+            found.displacements.push(unit * vector);
         }
-        Ok(found)
+        found
     }
+}
+
+/// Whether a file is a volume, by its name.
+fn is_volume(path: &Path) -> bool {
+    let name = path.to_string_lossy().to_lowercase();
+    [".nii", ".nii.gz", ".mha", ".nrrd"]
+        .iter()
+        .any(|extension| name.ends_with(extension))
 }
 
 impl PointDisplacements {

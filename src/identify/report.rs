@@ -4,22 +4,19 @@ use super::IdentifyOptions;
 use super::best_press::best_press;
 use super::data::{Place, Presses};
 use super::forward::{BodyExperimentKind, MeasuredBody, UNIT_NOISE};
-use super::least_squares::Solution;
-use super::uncertainty::{PROBABILITY, Uncertainty};
-use super::unknown::{Kind, ScaledUnknown};
+use super::least_squares::{Model, Solution};
+use super::profile;
+use super::sentences::{error_sentences, sentences};
+use super::uncertainty::Uncertainty;
+use super::unknown::Kind;
 use crate::accuracy::{mesh_factor, of_order};
 use crate::mesh::{FinerSpace, TetMesh};
-use crate::number_format::{rounded, significant};
+use crate::number_format::significant;
 use crate::press::{Press, PressOptions};
 use crate::scene::{Scene, ScenePatch};
 use crate::{Error, ProgressFn, Result, io};
 use serde::Serialize;
 use std::path::Path;
-
-/// Weights below this part of the largest are left out of a combination.
-const SMALL_WEIGHT: f64 = 0.1;
-/// Intervals of a factor that are wider than this hardly tell it.
-const WIDE: f64 = 4.0;
 
 /// An unknown with its interval.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -173,11 +170,11 @@ pub(super) fn compared(
 /// # Errors
 /// As a press.
 pub(super) fn identified(
-    body: &MeasuredBody,
+    model: &Model,
     (best, others): (Solution, Vec<Solution>),
     options: &IdentifyOptions,
-    progress: ProgressFn,
 ) -> Result<Identified> {
+    let (body, progress) = (model.body, model.progress);
     if let Some(k) = (0..body.unknowns().len()).find(|k| best.jacobian.column(*k).amax() == 0.0) {
         return Err(Error::Input(format!(
             "the data do not depend on {}: no measured number changes with it; remove it (--unknown)",
@@ -187,7 +184,13 @@ pub(super) fn identified(
     let (scene, mut mesh) = body.with_values(&best.values);
     let errors = discretisation_errors(body, (&scene, &mesh), progress)?;
     let relative: Vec<f64> = errors.iter().map(|error| error.unwrap_or(0.0)).collect();
-    let uncertainty = Uncertainty::new(body, &best, options.noise, &relative);
+    let mut uncertainty = Uncertainty::new(body, &best, options.noise, &relative);
+    for (k, unknown) in body.unknowns().iter().enumerate() {
+        if options.profiles(&unknown.name) && !body.grid_nodes.contains(&k) {
+            uncertainty.reach[k] = profile::reach(model, (&best, k), &uncertainty)?;
+            uncertainty.is_profiled[k] = true;
+        }
+    }
     let next_press = match options.advise {
         true => best_press(body, (&best, &uncertainty), progress)?,
         false => None,
@@ -374,145 +377,6 @@ fn residuals(body: &MeasuredBody, best: &Solution) -> Vec<Residual> {
         }
     }
     rows
-}
-
-/// Returns the results in sentences.
-fn sentences(
-    found: &Identified,
-    scaled: &[ScaledUnknown],
-    uncertainty: &Uncertainty,
-) -> Vec<String> {
-    let percent = 100.0 * PROBABILITY;
-    let mut all: Vec<String> = Vec::new();
-    for value in &found.unknowns {
-        let unit = match value.unit {
-            "" => String::new(),
-            unit => format!(" {unit}"),
-        };
-        all.push(format!(
-            "{} = {}{unit}, {percent} % interval {} to {}{unit}{}",
-            value.name,
-            rounded(value.value, 4),
-            rounded(value.low, 3),
-            rounded(value.high, 3),
-            match value.at_bound {
-                true => "; it is at its bound, so the data ask for a value beyond it (--bounds)",
-                false => "",
-            }
-        ));
-    }
-    all.extend(stiffness_sentences(&found.stiffness));
-    for weights in &uncertainty.undetermined {
-        all.push(format!(
-            "the data do not determine {}; more places, depths or another tool might",
-            combination(scaled, weights)
-        ));
-    }
-    if found.is_misfit {
-        all.push(format!(
-            "the scene does not explain the data: the residuals are {} times the stated noise; intervals are widened by as much. Another law, another shape or other supports may explain them",
-            significant(uncertainty.noise_factor)
-        ));
-    }
-    if !found.converged {
-        all.push(
-            "the search ended after its largest number of steps; the values may still change"
-                .into(),
-        );
-    }
-    all.extend(error_sentences(
-        &found.discretisation_errors,
-        ", which the intervals include",
-    ));
-    for other in &found.other_optima {
-        let values: Vec<String> = other.iter().map(|x| significant(*x)).collect();
-        all.push(format!(
-            "another start led to values that explain the data nearly as well: {}",
-            values.join(", ")
-        ));
-    }
-    all.extend(found.next_press.as_ref().map(|advice| {
-        format!(
-            "a further press at {} would tell most: {:.1} bits; the interval of {} would be {:.0} % as wide",
-            advice.at.map(|x| rounded(x, 4)).join(","),
-            advice.bits,
-            advice.unknown,
-            100.0 * advice.narrower
-        )
-    }));
-    all
-}
-
-/// Returns sentences about a stiffness that varies: the extremes, and where the data tell nothing.
-fn stiffness_sentences(factors: &[StiffnessFactor]) -> Vec<String> {
-    let by = |a: &&StiffnessFactor, b: &&StiffnessFactor| a.factor.total_cmp(&b.factor);
-    let (least, most) = (factors.iter().min_by(by), factors.iter().max_by(by));
-    let extreme = |what: &str, one: &StiffnessFactor| {
-        format!(
-            "the {what} place is {} times as stiff as the scene has it, 90 % interval {} to {}, at {}",
-            rounded(one.factor, 3),
-            rounded(one.low, 2),
-            rounded(one.high, 2),
-            one.at.map(|x| rounded(x, 3)).join(",")
-        )
-    };
-    let mut all: Vec<String> = Vec::new();
-    all.extend(most.map(|one| extreme("stiffest", one)));
-    all.extend(least.map(|one| extreme("softest", one)));
-    let wide = |one: &&StiffnessFactor| one.high / one.low > WIDE;
-    let unsure = factors.iter().filter(wide).count();
-    if unsure > 0 {
-        all.push(format!(
-            "at {unsure} of {} places of the grid the interval is wider than a factor of {WIDE}: the data hardly tell the stiffness there",
-            factors.len()
-        ));
-    }
-    all
-}
-
-/// Returns the discretisation errors in sentences.
-fn error_sentences<'a>(
-    errors: &'a [Option<f64>],
-    included: &'a str,
-) -> impl Iterator<Item = String> + 'a {
-    errors.iter().enumerate().map(move |(k, error)| {
-        let number = k + 1;
-        match error {
-            Some(error) => format!(
-                "experiment {number} has a discretisation error of {:.1} %{included}",
-                100.0 * error
-            ),
-            None => format!(
-                "the discretisation error of experiment {number} is unknown{}",
-                match included.is_empty() {
-                    true => "",
-                    false => "; the intervals leave it out",
-                }
-            ),
-        }
-    })
-}
-
-/// Formats a combination: a product of powers for unknowns with logarithmic scales, a sum otherwise.
-fn combination(scaled: &[ScaledUnknown], weights: &[f64]) -> String {
-    let large: Vec<(&ScaledUnknown, f64)> = scaled
-        .iter()
-        .zip(weights)
-        .filter(|(_, weight)| weight.abs() >= SMALL_WEIGHT)
-        .map(|(unknown, weight)| (unknown, *weight))
-        .collect();
-    let are_powers = large.iter().all(|(unknown, _)| unknown.is_logarithmic());
-    let term = |(unknown, weight): &(&ScaledUnknown, f64)| match (*weight == 1.0, are_powers) {
-        (true, _) => unknown.name.clone(),
-        (false, true) => format!("{}^{weight:.2}", unknown.name),
-        (false, false) => format!("{weight:.2} {}", unknown.name),
-    };
-    let terms: Vec<String> = large.iter().map(term).collect();
-    match (terms.len(), are_powers) {
-        (1, _) => terms.concat(),
-        (_, true) => format!("the product {}", terms.join(" × ")),
-        (_, false) => format!("the combination of {}", terms.join(" and ")),
-    }
 }
 
 impl Identified {

@@ -25,6 +25,10 @@ pub(super) struct Uncertainty {
     pub covariance: DMatrix<f64>,
     /// Multiple of standard deviations that an interval takes to each side.
     pub quantile: f64,
+    /// How far the noise lets each θ be below and above its optimum.
+    pub reach: Vec<[f64; 2]>,
+    /// Whether that is known by profile likelihood.
+    pub is_profiled: Vec<bool>,
     /// Standard deviations of the data over those for which residuals were calculated.
     pub noise_factor: f64,
     /// Whether the residuals are larger than the stated noise explains.
@@ -83,8 +87,11 @@ impl Uncertainty {
                 direction.iter().map(|x| x / largest).collect()
             })
             .collect();
+        let reach = (0..columns).map(|k| [quantile * covariance[(k, k)].max(0.0).sqrt(); 2]);
         Uncertainty {
             shift: shift(body, best, (&own, relative)),
+            reach: reach.collect(),
+            is_profiled: vec![false; columns],
             covariance,
             quantile,
             noise_factor,
@@ -93,10 +100,12 @@ impl Uncertainty {
         }
     }
 
-    /// Returns the interval of unknown `k`.
+    /// Returns the interval of unknown `k`. The sign of the discretisation error is unknown, so that it
+    /// adds to the noise by its square (JCGM 100:2008, "Guide to the expression of uncertainty in
+    /// measurement", §5.1).
     pub fn interval(&self, k: usize, unknown: &ScaledUnknown, theta: f64) -> [f64; 2] {
-        let half = self.quantile * self.covariance[(k, k)].max(0.0).sqrt() + self.shift[k];
-        [unknown.value(theta - half), unknown.value(theta + half)]
+        let [below, above] = self.reach[k].map(|reach| reach.hypot(self.shift[k]));
+        [unknown.value(theta - below), unknown.value(theta + above)]
     }
 
     /// Returns the field of the standard deviations of the logarithms of a stiffness that varies.

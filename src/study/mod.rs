@@ -7,6 +7,8 @@ mod axis;
 mod bodies;
 mod cages;
 mod chart;
+#[cfg(feature = "identify")]
+mod coverage;
 mod csv_table;
 mod elements;
 mod lumps;
@@ -14,6 +16,7 @@ mod motion;
 mod pareto;
 mod peers;
 mod pictures;
+mod random;
 pub mod reference_motion;
 mod refinement;
 mod run;
@@ -86,6 +89,12 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
         "lumps",
         "Lumps found by stiffness maps, by size, depth and contrast",
         lumps::run,
+    ),
+    #[cfg(feature = "identify")]
+    (
+        "coverage",
+        "Intervals of identified moduli, of 100 twins with noise, that hold the true ones",
+        coverage::run,
     ),
     (
         "scan",

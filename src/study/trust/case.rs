@@ -3,6 +3,7 @@
 use crate::generate::by_name_with_progress;
 use crate::mesh::{ElementOrder, Field, Location, TetMesh};
 use crate::scene::{OrderChoice, Scene};
+use crate::study::random::Random;
 use crate::{Result, no_progress};
 use glam::DVec3;
 
@@ -63,34 +64,10 @@ pub(super) struct Case {
     random: Random,
 }
 
-/// A sequence of random numbers (SplitMix64; Steele et al. 2014).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Random(u64);
-
-impl Random {
-    /// Returns the next number in 0..1.
-    pub fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn pick<T: Copy>(&mut self, all: &[T]) -> T {
-        all[((self.next() * all.len() as f64) as usize).min(all.len() - 1)]
-    }
-
-    /// Returns a point in the cube from −1 to 1.
-    pub fn point(&mut self) -> DVec3 {
-        DVec3::from_array(std::array::from_fn(|_| 2.0 * self.next() - 1.0))
-    }
-}
-
 impl Case {
     /// Returns case `number`.
     pub fn new(number: usize) -> Case {
-        let mut random = Random(1 + number as u64);
+        let mut random = Random::new(1 + number as u64);
         let (body, fewest) = BODIES[(number / LOADS.len()) % BODIES.len()];
         let [least, most] = TETS.map(|tets| tets.max(fewest).ln());
         Case {

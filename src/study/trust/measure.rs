@@ -1,7 +1,7 @@
 //! One case of the study: the reported number and its estimated error, by linear and by quadratic
 //! tets, and the converged number.
 
-use super::case::{Case, Load, Random};
+use super::case::{Case, Load};
 use crate::accuracy::{
     EQUILIBRIUM_TOLERANCE, ErrorParts, RestBody, errors_at_rest, mesh_factor, quasi_static_step,
     settle,
@@ -11,6 +11,7 @@ use crate::mesh::{ElementOrder, TetMesh, Topology};
 use crate::physics::SolverKind;
 use crate::press::{Press, PressOptions};
 use crate::scene::{Motion, Scene};
+use crate::study::random::Random;
 use crate::{Error, Result, no_progress};
 use glam::{DMat3, DVec3};
 

@@ -45,6 +45,23 @@ fn press_of_twin_gives_its_modulus() {
         assert!(out.join(file).is_file(), "{file}");
     }
 
+    // A search whose results cannot be written goes on from its last step.
+    let blocked = here.join("blocked");
+    let taken = blocked.join("identified.toml");
+    std::fs::create_dir_all(&taken).unwrap();
+    let there = ["--out", text(&blocked), "--no-advice"];
+    failure(&palpate(&[&given[..], &wanted, &there].concat()));
+    assert!(blocked.join("steps.json").is_file());
+    std::fs::remove_dir(&taken).unwrap();
+    let output = palpate(&[&given[..], &wanted, &there].concat());
+    let again: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let again = again["unknowns"][0]["value"].as_f64().unwrap();
+    assert!((again / value - 1.0).abs() < 1e-4, "{again} {value}");
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(notes.contains("going on from step"), "{notes}");
+    assert!(!notes.contains("step 0:"), "{notes}");
+    assert!(!blocked.join("steps.json").exists());
+
     // Forces that no modulus explains.
     let csv = pressed.join("press.csv");
     let curve = std::fs::read_to_string(&csv).unwrap();

@@ -1,17 +1,18 @@
 //! `palpate identify`: material parameters from measurements.
 
+#[cfg(feature = "study")]
+mod chart;
+mod files;
+
 use super::{Outcome, print_json, print_notes, progress};
 use clap::Args;
+use files::Steps;
 use palpate::gpu::Gpu;
-use palpate::identify::{
-    Experiment, Identified, IdentifyOptions, IdentifyStep, Residual, Unknown, identify,
-};
-use palpate::io::atomic_write;
+use palpate::identify::{Experiment, IdentifyOptions, IdentifyStep, Unknown, identify};
 use palpate::number_format::rounded;
 use palpate::scene::Scene;
 use palpate::{Error, Result};
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Arguments of `identify`.
 #[derive(Args)]
@@ -19,12 +20,15 @@ pub struct IdentifyArguments {
     /// Scene (.toml) of the body, or a mesh
     scene: PathBuf,
     /// Read measurements: the folder of `palpate press`, press.csv with press.json, map.csv with map.json,
-    /// a recording of markers (.toml, docs/identify.md); several for several experiments
+    /// a recording of markers, or displacements, reactions and volumes at rest (.toml, docs/identify.md), a
+    /// displacement field (.vtu, .nii.gz); several for several experiments
     #[arg(long, required = true, num_args = 1.., value_name = "DATA")]
     data: Vec<PathBuf>,
     /// Name the unknowns: material.young, material.TISSUE.young, material.poisson,
-    /// material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio, or lump,
-    /// a ball with another stiffness. Without any, measured and predicted numbers are compared
+    /// material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio,
+    /// gravity.x (y, z), pressure.N, finger.x (y, z: how far the fingertip was from the stated places), lump,
+    /// a ball with another stiffness, or stiffness:cage:LENGTH, a stiffness that varies on a grid of that cell
+    /// size (8mm; with :piecewise for sharp edges). Without any, measured and predicted numbers are compared
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     unknown: Vec<String>,
     /// Set the standard deviation of the measured numbers, such as 2%: of a curve relative to its largest
@@ -40,6 +44,10 @@ pub struct IdentifyArguments {
     /// Start from so many values, because there may be several optima
     #[arg(long, default_value_t = 1)]
     starts: u32,
+    /// Find the intervals of these unknowns by profile likelihood, for skewed ones; it takes some tens of
+    /// predictions each. all: of all but the places of a grid
+    #[arg(long, value_delimiter = ',', value_name = "NAME")]
+    profile: Vec<String>,
     /// Do not look for the further press that would tell most
     #[arg(long)]
     no_advice: bool,
@@ -57,30 +65,51 @@ pub fn run(gpu: &Gpu, arguments: &IdentifyArguments) -> anyhow::Result<Outcome> 
     print_notes(scene.notes());
     let data = arguments.data.iter().map(Experiment::read);
     let data = data.collect::<Result<Vec<_>>>()?.concat();
-    let options = IdentifyOptions {
+    let mut options = IdentifyOptions {
         unknowns: unknowns(arguments)?,
         noise: arguments.noise,
         starts: arguments.starts,
+        profiled: arguments.profile.clone(),
         advise: !arguments.no_advice,
+        ..IdentifyOptions::default()
     };
     let out = &arguments.out;
     std::fs::create_dir_all(out).map_err(Error::io(out))?;
+    let mut steps = Steps::open(out, (&scene, &data), &options);
+    options.earlier = steps.last().to_vec();
+    if let Some(last) = options.earlier.last() {
+        print_notes(&[format!(
+            "going on from step {} of start {} in {}",
+            last.step,
+            last.start,
+            out.display()
+        )]);
+    }
+    let wanted = options.clone();
     let mut on_step = |step: &IdentifyStep| {
-        print_notes(&[in_words(step, &options)]);
-        Ok(())
+        print_notes(&[in_words(step, &wanted)]);
+        steps.keep(step)
     };
     let found = progress::with_stages(|progress| {
         identify(gpu, &scene, &data, &options, &mut on_step, progress)
     })?;
     found.write(&arguments.scene, &out.join("identified.toml"))?;
-    write_json(out, &found)?;
-    write_residuals(out, &found.residuals)?;
-    draw_chart(out, &found)?;
+    files::write_json(out, &found)?;
+    files::write_residuals(out, &found.residuals)?;
+    #[cfg(feature = "study")]
+    chart::draw_chart(out, &found)?;
+    let mut written = vec!["identified.toml", "identified.json", "residuals.csv"];
+    written.extend(cfg!(feature = "study").then_some("residuals.svg"));
+    let images = found.field_images(gpu)?;
+    let mut names: Vec<String> = written.into_iter().map(str::to_owned).collect();
+    for (name, image) in &images {
+        let file = format!("{name}.png");
+        image.save(out.join(&file))?;
+        names.push(file);
+    }
+    steps.remove()?;
     print_notes(&found.sentences);
-    print_notes(&[format!(
-        "wrote {0}/identified.toml, {0}/identified.json, {0}/residuals.csv and {0}/residuals.svg",
-        out.display()
-    )]);
+    print_notes(&[format!("wrote {} to {}", names.join(", "), out.display())]);
     if arguments.json {
         print_json(&serde_json::to_value(&found)?)?;
     }
@@ -139,6 +168,7 @@ fn share(text: &str) -> std::result::Result<f64, String> {
     palpate::scene::AccuracyEntry::parse_share(text).map_err(|e| e.to_string())
 }
 
+/// Says a step in a line.
 fn in_words(step: &IdentifyStep, options: &IdentifyOptions) -> String {
     let (nodes, others): (Vec<_>, Vec<_>) = step
         .values
@@ -169,117 +199,4 @@ fn in_words(step: &IdentifyStep, options: &IdentifyOptions) -> String {
         step.step,
         values.join(", ")
     )
-}
-
-fn write_json(out: &Path, found: &Identified) -> Result<()> {
-    let path = out.join("identified.json");
-    atomic_write(&path, |file| {
-        let text = serde_json::to_string_pretty(found);
-        let text = text.map_err(|e| Error::Input(format!("identified.json: {e}")))?;
-        writeln!(file, "{text}").map_err(Error::io(&path))
-    })
-}
-
-fn write_residuals(out: &Path, residuals: &[Residual]) -> Result<()> {
-    let path = out.join("residuals.csv");
-    atomic_write(&path, |file| {
-        let mut text =
-            String::from("experiment,quantity,x,y,z,depth_m,measured,predicted,residual\n");
-        for row in residuals {
-            let [x, y, z] = row.at;
-            text += &format!(
-                "\"{}\",{},{x},{y},{z},{},{},{},{}\n",
-                row.experiment.replace('"', "\"\""),
-                row.quantity,
-                row.depth_m,
-                row.measured,
-                row.predicted,
-                row.residual
-            );
-        }
-        file.write_all(text.as_bytes()).map_err(Error::io(&path))
-    })
-}
-
-/// Draws measured and predicted forces against depth; where there are none, predicted against measured
-/// numbers.
-#[cfg(feature = "study")]
-fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
-    use palpate::study::{Axis, Chart, Series, SeriesStyle};
-    let are_forces = |row: &&Residual| row.quantity == "force";
-    let has_curve = found.residuals.iter().any(|row| are_forces(&row));
-    let mut series = Vec::new();
-    let mut names: Vec<&str> = found
-        .residuals
-        .iter()
-        .map(|row| row.experiment.as_str())
-        .collect();
-    names.dedup();
-    for (k, name) in names.iter().enumerate() {
-        let own = || found.residuals.iter().filter(|row| row.experiment == *name);
-        if !has_curve {
-            series.push(Series::new(
-                format!("experiment {}", k + 1),
-                SeriesStyle::Marks,
-                own().map(|row| [row.measured, row.predicted]).collect(),
-            ));
-            continue;
-        }
-        let rows = || own().filter(are_forces);
-        let measured = rows()
-            .map(|row| [1e3 * row.depth_m, row.measured])
-            .collect();
-        let predicted = rows()
-            .map(|row| [1e3 * row.depth_m, row.predicted])
-            .collect();
-        series.push(Series::new(
-            format!("measured {}", k + 1),
-            SeriesStyle::Marks,
-            measured,
-        ));
-        series.push(Series::new(
-            format!("predicted {}", k + 1),
-            SeriesStyle::Line,
-            predicted,
-        ));
-    }
-    if !has_curve {
-        let measured = found.residuals.iter().map(|row| row.measured);
-        let [low, high] = measured.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| {
-            [low.min(x), high.max(x)]
-        });
-        let equal = vec![[low, low], [high, high]];
-        series.push(Series::new("equal".to_owned(), SeriesStyle::Line, equal));
-    }
-    let values = found.unknowns.iter();
-    let values: Vec<String> = values
-        .map(|value| {
-            let number = rounded(value.value, 4);
-            format!("{} = {number} {}", value.name, value.unit)
-        })
-        .collect();
-    let is_map = |row: &Residual| row.quantity == "stiffness";
-    let [x, y] = match has_curve {
-        true => ["depth, mm", "force, N"],
-        false if found.residuals.iter().all(is_map) => {
-            ["measured stiffness, N/m", "predicted stiffness, N/m"]
-        }
-        false => ["measured", "predicted"],
-    };
-    Chart {
-        title: match values.is_empty() {
-            true => "measured and predicted numbers".to_owned(),
-            false => values.join(", "),
-        },
-        x: Axis::linear(x),
-        y: Axis::linear(y),
-        series,
-    }
-    .save(out, "residuals")
-}
-
-/// Charts need the feature `study`.
-#[cfg(not(feature = "study"))]
-fn draw_chart(_: &Path, _: &Identified) -> Result<()> {
-    Ok(())
 }
