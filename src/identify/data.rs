@@ -1,6 +1,9 @@
 //! Measurements: force against depth, maps of stiffness, and recordings of markers.
 
+use super::readings::DisplacementsEntry;
 use super::recording::Recording;
+#[cfg(feature = "study")]
+use crate::scene::MassEntry;
 use crate::{Error, Result};
 use glam::DVec3;
 use serde::Deserialize;
@@ -125,7 +128,9 @@ impl Experiment {
         if path.extension().is_none_or(|extension| extension != "csv") {
             return Ok(vec![Experiment {
                 name: path.display().to_string(),
-                kind: ExperimentKind::Recording(Box::new(Recording::of_displacements(path))),
+                kind: ExperimentKind::Recording(Box::new(Recording::of_displacements(
+                    DisplacementsEntry::of_file(path),
+                ))),
             }]);
         }
         let table = NumberTable::read(path)?;
@@ -246,6 +251,34 @@ impl Experiment {
             )));
         }
         Ok(Experiment::presses(name, true, radius, places))
+    }
+
+    /// Returns measured displacements of points of a body at rest under the loads of its scene: their places
+    /// on the unloaded body and how far they moved, in file units.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for numbers that are not finite, or no point.
+    pub fn displacements(name: &str, points: &[(DVec3, DVec3)]) -> Result<Experiment> {
+        let is_finite = |(at, moved): &(DVec3, DVec3)| at.is_finite() && moved.is_finite();
+        if points.is_empty() || !points.iter().all(is_finite) {
+            return Err(Error::Input(format!(
+                "{name}: displacements need a point at least, and finite numbers"
+            )));
+        }
+        let entry = DisplacementsEntry::of_points(points.to_vec());
+        Ok(Experiment {
+            name: name.to_owned(),
+            kind: ExperimentKind::Recording(Box::new(Recording::of_displacements(entry))),
+        })
+    }
+
+    /// Adds weights that the body carried to measurements at rest.
+    #[cfg(feature = "study")]
+    pub(crate) fn with_masses(mut self, masses: &[MassEntry]) -> Experiment {
+        if let ExperimentKind::Recording(recording) = &mut self.kind {
+            recording.masses.extend(masses.iter().cloned());
+        }
+        self
     }
 
     fn presses(name: &str, is_map: bool, radius: f64, places: Vec<Place>) -> Experiment {

@@ -31,6 +31,9 @@ pub(super) struct DisplacementsEntry {
     moved: bool,
     /// Number of points that are compared.
     points: Option<usize>,
+    /// Points at rest and vectors, in file units, instead of a file.
+    #[serde(skip)]
+    given: Option<Vec<(DVec3, DVec3)>>,
 }
 
 /// A measured force on supports.
@@ -73,6 +76,16 @@ impl DisplacementsEntry {
             field: None,
             moved: false,
             points: None,
+            given: None,
+        }
+    }
+
+    /// Returns an entry of points at rest and vectors, in file units.
+    pub fn of_points(points: Vec<(DVec3, DVec3)>) -> DisplacementsEntry {
+        DisplacementsEntry {
+            points: Some(points.len()),
+            given: Some(points),
+            ..DisplacementsEntry::of_file(Path::new(""))
         }
     }
 
@@ -81,6 +94,9 @@ impl DisplacementsEntry {
     /// # Errors
     /// [`Error::Format`] or [`Error::Io`] naming the file and what it lacks.
     pub fn read(&self, folder: &Path, unit: f64) -> Result<PointDisplacements> {
+        if let Some(given) = &self.given {
+            return Ok(self.spread(given.clone(), unit));
+        }
         let path = folder.join(&self.file);
         if is_volume(&path) {
             return self.of_volume(&path, unit);

@@ -189,10 +189,10 @@ impl Recording {
     }
 
     /// Returns a displacement field of a body under the loads of the scene.
-    pub fn of_displacements(file: &Path) -> Recording {
+    pub fn of_displacements(entry: DisplacementsEntry) -> Recording {
         Recording {
             folder: PathBuf::new(),
-            displacements: Some(DisplacementsEntry::of_file(file)),
+            displacements: Some(entry),
             readings: Readings::default(),
             masses: Vec::new(),
             markers: Vec::new(),

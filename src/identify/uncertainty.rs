@@ -35,6 +35,9 @@ pub(super) struct Uncertainty {
     pub is_misfit: bool,
     /// Largest change of each θ by the discretisation error.
     pub shift: DVector<f64>,
+    /// How far an error of the scene as large as that which the residuals show, in their norm, could move each
+    /// θ: what the unknowns have absorbed of it is not seen. 0 if the scene explains the data.
+    pub model_error: DVector<f64>,
     /// Combinations that the data do not determine: weights by unknown, the largest 1.
     pub undetermined: Vec<Vec<f64>>,
 }
@@ -73,11 +76,7 @@ impl Uncertainty {
         };
         let scale = noise_factor.max(f64::MIN_POSITIVE).powi(2);
         let own = SymmetricEigen::new(information.clone());
-        let variance = own
-            .eigenvalues
-            .map(|x| (scale / x.max(0.0)).min(MAX_VARIANCE));
-        let covariance =
-            &own.eigenvectors * DMatrix::from_diagonal(&variance) * own.eigenvectors.transpose();
+        let (covariance, variance) = covariance_of(&own, scale);
         // Of a stiffness that varies a sentence tells where the data are silent.
         let undetermined = (0..columns)
             .filter(|k| body.grid.is_none() && variance[*k].sqrt() > UNDETERMINED)
@@ -90,6 +89,13 @@ impl Uncertainty {
         let reach = (0..columns).map(|k| [quantile * covariance[(k, k)].max(0.0).sqrt(); 2]);
         Uncertainty {
             shift: shift(body, best, (&own, relative)),
+            model_error: match is_misfit {
+                true => {
+                    let excess = (squares - freedom).max(0.0);
+                    covariance_of(&own, excess).0.diagonal().map(f64::sqrt)
+                }
+                false => DVector::zeros(columns),
+            },
             reach: reach.collect(),
             is_profiled: vec![false; columns],
             covariance,
@@ -101,10 +107,11 @@ impl Uncertainty {
     }
 
     /// Returns the interval of unknown `k`. The sign of the discretisation error is unknown, so that it
-    /// adds to the noise by its square (JCGM 100:2008, "Guide to the expression of uncertainty in
-    /// measurement", §5.1).
+    /// adds to the noise by its square, as does what the scene does not explain (JCGM 100:2008, "Guide to the
+    /// expression of uncertainty in measurement", §5.1).
     pub fn interval(&self, k: usize, unknown: &ScaledUnknown, theta: f64) -> [f64; 2] {
-        let [below, above] = self.reach[k].map(|reach| reach.hypot(self.shift[k]));
+        let systematic = self.shift[k].hypot(self.model_error[k]);
+        let [below, above] = self.reach[k].map(|reach| reach.hypot(systematic));
         [unknown.value(theta - below), unknown.value(theta + above)]
     }
 
@@ -133,6 +140,31 @@ impl Uncertainty {
             .map(|i| kept.iter().map(|k| of(*i, *k)).collect())
             .collect()
     }
+}
+
+/// Returns the covariance of θ by the eigenvectors of the information JᵀJ for a variance of 1, and its
+/// eigenvalues, for a variance of `scale`.
+fn covariance_of(
+    own: &SymmetricEigen<f64, nalgebra::Dyn>,
+    scale: f64,
+) -> (DMatrix<f64>, DVector<f64>) {
+    let variance = own
+        .eigenvalues
+        .map(|x| (scale / x.max(0.0)).min(MAX_VARIANCE));
+    let all = &own.eigenvectors * DMatrix::from_diagonal(&variance) * own.eigenvectors.transpose();
+    (all, variance)
+}
+
+/// Returns how far the noise, of this standard deviation, lets each θ be to either side, by the information
+/// JᵀJ for a deviation of 1.
+#[cfg(feature = "study")]
+pub(super) fn reach_of_noise(information: DMatrix<f64>, noise: f64) -> Vec<f64> {
+    let (all, _) = covariance_of(&SymmetricEigen::new(information), noise * noise);
+    let quantile = Normal::standard().inverse_cdf(0.5 + 0.5 * PROBABILITY);
+    all.diagonal()
+        .iter()
+        .map(|x| quantile * x.max(0.0).sqrt())
+        .collect()
 }
 
 /// Returns the number of unknowns that the data determine: all without prior knowledge, otherwise the trace of

@@ -1,5 +1,5 @@
 //! `study coverage`: whether the intervals of `palpate identify` hold the true values, for twins: bodies on
-//! another mesh that are pressed, with noise, from fixed seeds.
+//! another mesh whose displacements are measured with noise, from fixed seeds.
 
 use super::random::Random;
 use super::{Axis, Cell, Chart, Row, Run, Series, SeriesStyle};
@@ -13,151 +13,158 @@ use std::path::Path;
 /// Twins with the same body, which differ in their noise.
 const DRAWS: usize = 5;
 /// Quadratic tets of twins and of the body that is identified.
-const TWIN_TETS: usize = 4_000;
-const BODY_TETS: usize = 1_000;
-/// Poisson's ratio of both, and bounds of the modulus of twins, Pa.
+const TWIN_TETS: usize = 1_500;
+const BODY_TETS: usize = 300;
+/// Poisson's ratio of both.
 const POISSON: f64 = 0.4;
-const YOUNG: [f64; 2] = [5e3, 5e4];
-/// Edge of the block, m.
-const EDGE: f64 = 0.1;
-/// Depths of a curve over the largest.
-const STEPS: usize = 8;
+/// Bounds of the sideways gravity of twins, m/s²; the other component is that of the scene.
+const SIDEWAYS: [f64; 2] = [1.0, 3.0];
+/// Points that are measured.
+const POINTS: usize = 12;
 
-/// The law of twins, and what is measured of them.
+/// The law of twins, and how exactly they are measured.
 struct Subject {
     name: &'static str,
     model: &'static str,
-    /// Standard deviation of the noise over the largest force, as stated.
+    /// Bounds of Young's modulus, Pa.
+    young: [f64; 2],
+    /// Standard deviation of the noise over the largest displacement, as stated.
     noise: f64,
-    /// Largest depth, m.
-    depth: f64,
 }
 
-/// Noise larger than the errors of the meshes, by the law of the scene; and a noise that lets another law be
-/// seen.
+/// Noise larger than the errors of the meshes, by the law of the scene; and softer bodies with a noise that lets
+/// another law be seen.
 const SUBJECTS: [Subject; 2] = [
     Subject {
         name: "same law",
         model: "neo-hookean",
+        young: [3e4, 1e5],
         noise: 0.1,
-        depth: 0.01,
     },
     Subject {
         name: "other law",
         model: "corotated",
-        noise: 0.01,
-        depth: 0.025,
+        young: [1e4, 2e4],
+        noise: 0.005,
     },
 ];
 
-/// A pressed block.
+/// The weight at the lower end of the bar, kg.
+const WEIGHT: f64 = 1.0;
+
+/// A bar that hangs from its upper end and leans.
 struct Twin {
-    young: f64,
-    curves: Vec<Curve>,
+    /// Young's modulus, Pa, and the sideways gravity, m/s².
+    truth: [f64; 2],
+    /// Points and displacements without noise, m, of the bare bar and of that with a weight.
+    points: [Vec<(DVec3, DVec3)>; 2],
 }
 
-struct Curve {
-    at: DVec3,
-    radius: f64,
-    /// Depths and forces without noise, m and N.
-    samples: Vec<[f64; 2]>,
-}
-
-fn block(tets: usize, (model, young): (&str, f64)) -> Result<Scene> {
+fn bar(tets: usize, model: &str, [young, sideways]: [f64; 2]) -> Result<Scene> {
     Scene::parse(&format!(
-        "[mesh]\ngenerate = \"box\"\ntets = {tets}\n[material]\nmodel = \"{model}\"\nyoung = {young}\n\
-         poisson = {POISSON}\norder = 2\n[solver]\nengine = \"cpu\""
+        "[mesh]\ngenerate = \"bar\"\ntets = {tets}\n[material]\nmodel = \"{model}\"\nyoung = {young}\n\
+         poisson = {POISSON}\ndensity = 1000\norder = 2\n[solver]\nname = \"implicit\"\nengine = \"cpu\"\n\
+         gravity = [9.81, {sideways}, 0.0]\n[[pin]]\naxis = \"x\"\nbelow = 0.001"
     ))
 }
 
-/// Returns twin `number`, pressed at two places.
+/// Returns twin `number` of a subject.
 fn twin(run: &Run, subject: &Subject, number: usize) -> Result<Twin> {
     let mut random = Random::new(1000 + number as u64);
-    let [low, high] = YOUNG.map(f64::ln);
+    let [low, high] = subject.young.map(f64::ln);
     let young = (low + (high - low) * random.next()).exp();
-    let mut curves = Vec::new();
-    for _ in 0..2 {
-        let aside = 0.2 * EDGE * random.point();
-        let depth = subject.depth * (0.7 + 0.3 * random.next());
-        let depths = (1..=STEPS).map(|k| depth * k as f64 / STEPS as f64);
-        curves.push(Curve {
-            at: DVec3::new(0.5 * EDGE + aside.x, 0.5 * EDGE + aside.y, EDGE),
-            radius: EDGE * random.pick(&[0.25, 0.3, 0.35]),
-            samples: depths.map(|depth| [depth, 1.0]).collect(),
-        });
-    }
-    let scene = block(TWIN_TETS, (subject.model, young))?;
-    let data: Vec<Experiment> = curves
-        .iter()
-        .map(Curve::experiment)
-        .collect::<Result<_>>()?;
-    let mut forces = predicted(run.gpu, &scene, &data)?.into_iter();
-    for sample in curves.iter_mut().flat_map(|curve| &mut curve.samples) {
-        sample[1] = forces.next().unwrap_or(f64::NAN);
-    }
-    Ok(Twin { young, curves })
+    let sideways = SIDEWAYS[0] + (SIDEWAYS[1] - SIDEWAYS[0]) * random.next();
+    let scene = bar(TWIN_TETS, subject.model, [young, sideways])?;
+    let (low, high) = scene.mesh.load()?.bounds();
+    let place = |random: &mut Random| {
+        let share = 0.5 + 0.45 * random.point();
+        low + share * (high - low)
+    };
+    let points: Vec<(DVec3, DVec3)> = (0..POINTS)
+        .map(|_| (place(&mut random), DVec3::X))
+        .collect();
+    let numbers = predicted(
+        run.gpu,
+        &scene,
+        &experiments(&[points.clone(), points.clone()])?,
+    )?;
+    let mut moved = numbers.as_chunks::<3>().0.iter();
+    let points = [&points, &points].map(|points| {
+        let own = points.iter().zip(moved.by_ref());
+        own.map(|((at, _), u)| (*at, DVec3::from(*u))).collect()
+    });
+    Ok(Twin {
+        truth: [young, sideways],
+        points,
+    })
 }
 
-impl Curve {
-    fn experiment(&self) -> Result<Experiment> {
-        Experiment::curve("twin", (self.at, DVec3::NEG_Z, self.radius), &self.samples)
-    }
+/// Returns the measurements of a bare bar and of one with a weight.
+fn experiments([bare, loaded]: &[Vec<(DVec3, DVec3)>; 2]) -> Result<Vec<Experiment>> {
+    let weight = format!("[[mass]]\non = {{ x_above = 0.119 }}\nkg = {WEIGHT}");
+    let weight = Scene::parse(&format!("[mesh]\ngenerate = \"bar\"\n{weight}"))?.mass;
+    Ok(vec![
+        Experiment::displacements("bare", bare)?,
+        Experiment::displacements("with a weight", loaded)?.with_masses(&weight),
+    ])
+}
 
-    /// Returns the curve with noise of a standard deviation relative to its largest force.
-    fn with_noise(&self, noise: f64, random: &mut Random) -> Curve {
-        let largest = self.samples.iter().map(|s| s[1]).fold(0.0, f64::max);
+impl Twin {
+    /// Returns its measurements with noise of a standard deviation relative to the largest displacement.
+    fn measured(&self, noise: f64, random: &mut Random) -> Result<Vec<Experiment>> {
         let normal = Normal::standard();
-        let samples = self.samples.iter().map(|[depth, force]| {
-            let deviation = normal.inverse_cdf(random.next().clamp(1e-12, 1.0 - 1e-12));
-            [*depth, force + noise * largest * deviation]
+        let mut draw = || normal.inverse_cdf(random.next().clamp(1e-12, 1.0 - 1e-12));
+        let noisy = self.points.each_ref().map(|points| {
+            let lengths = points.iter().map(|(_, u)| u.length());
+            let deviation = noise * lengths.fold(0.0, f64::max);
+            let points = points.iter().map(|(at, u)| {
+                let noise = DVec3::new(draw(), draw(), draw());
+                (*at, *u + deviation * noise)
+            });
+            points.collect()
         });
-        Curve {
-            samples: samples.collect(),
-            ..*self
-        }
+        experiments(&noisy)
     }
 }
 
-/// Returns the modulus with its interval over the true one, the misfit, whether it is flagged, the
-/// discretisation error, and whether the interval and a tenth of it hold the true one.
+/// Returns for the modulus and the sideways gravity the value and its interval over the true one, and whether
+/// the interval and a tenth of it hold the true one; the misfit, whether it is flagged, and the error of the mesh.
 fn identified(run: &Run, subject: &Subject, twin: &Twin, seed: u64) -> Result<Vec<Cell>> {
-    let mut random = Random::new(seed);
-    let data = twin.curves.iter();
-    let data = data.map(|curve| curve.with_noise(subject.noise, &mut random).experiment());
-    let data: Vec<Experiment> = data.collect::<Result<_>>()?;
+    let data = twin.measured(subject.noise, &mut Random::new(seed))?;
+    let names = ["material.young", "gravity.y"].map(Unknown::parse);
     let options = IdentifyOptions {
-        unknowns: Unknown::parse("material.young")?,
+        unknowns: names.into_iter().collect::<Result<Vec<_>>>()?.concat(),
         noise: Some(subject.noise),
         ..IdentifyOptions::default()
     };
-    let scene = block(BODY_TETS, ("neo-hookean", 1e4))?;
+    let first = bar(BODY_TETS, "neo-hookean", [subject.young[1], SIDEWAYS[0]])?;
     let found = identify(
         run.gpu,
-        &scene,
+        &first,
         &data,
         &options,
         &mut |_| Ok(()),
         &no_progress,
     )?;
-    let young = &found.unknowns[0];
-    let [value, low, high] = [young.value, young.low, young.high].map(|x| x / twin.young);
-    let tenth = [low, high].map(|end| value * (end / value).powf(0.1));
-    let holds = |low: f64, high: f64| f64::from(u8::from((low..=high).contains(&1.0)));
+    let mut numbers = Vec::new();
+    for (own, truth) in found.unknowns.iter().zip(twin.truth) {
+        let holds = |part: f64| {
+            let [low, high] = [own.low, own.high].map(|end| own.value + part * (end - own.value));
+            f64::from(u8::from((low..=high).contains(&truth)))
+        };
+        let over = [own.value, own.low, own.high].map(|x| x / truth);
+        numbers.extend(over);
+        numbers.extend([holds(1.0), holds(0.1)]);
+    }
     let errors = found.discretisation_errors.iter().flatten();
-    let error = errors.fold(0.0, |most: f64, error| most.max(*error));
-    let numbers = [
-        value,
-        low,
-        high,
+    numbers.extend([
         found.misfit,
         f64::from(u8::from(found.is_misfit)),
-        error,
-        holds(low, high),
-        holds(tenth[0], tenth[1]),
-    ];
-    Ok(numbers
-        .map(|x| Cell::from(super::csv_table::significant(x, 6)))
-        .to_vec())
+        errors.fold(0.0, |most: f64, error| most.max(*error)),
+    ]);
+    let rounded = numbers.into_iter();
+    let rounded = rounded.map(|x| Cell::from(super::csv_table::significant(x, 6)));
+    Ok(rounded.collect())
 }
 
 /// Measures, draws charts and reports.
@@ -176,14 +183,19 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         "coverage",
         &["twins", "number"],
         &[
-            "value",
-            "low",
-            "high",
+            "young",
+            "young_low",
+            "young_high",
+            "young_holds",
+            "young_tenth_holds",
+            "gravity",
+            "gravity_low",
+            "gravity_high",
+            "gravity_holds",
+            "gravity_tenth_holds",
             "misfit",
             "flagged",
             "mesh_error",
-            "holds",
-            "tenth_holds",
         ],
         &points,
         |point| {
@@ -226,16 +238,16 @@ fn of<'a>(rows: &'a [Row], subject: &Subject) -> Vec<&'a Row> {
 /// Charts the intervals over the true values, in the order of the values.
 fn chart(rows: &[&Row], subject: &Subject) -> Chart {
     let mut sorted = rows.to_vec();
-    sorted.sort_by(|a, b| a.number("value").total_cmp(&b.number("value")));
+    sorted.sort_by(|a, b| a.number("young").total_cmp(&b.number("young")));
     let points = |what: &str| -> Vec<[f64; 2]> {
         let numbers = sorted.iter().enumerate();
         numbers
             .map(|(n, row)| [n as f64, row.number(what)])
             .collect()
     };
-    let band: Vec<[f64; 2]> = points("low")
+    let band: Vec<[f64; 2]> = points("young_low")
         .into_iter()
-        .chain(points("high").into_iter().rev())
+        .chain(points("young_high").into_iter().rev())
         .collect();
     let most = sorted.len().saturating_sub(1) as f64;
     Chart {
@@ -244,7 +256,7 @@ fn chart(rows: &[&Row], subject: &Subject) -> Chart {
         y: Axis::linear("over the true modulus"),
         series: vec![
             Series::new("90 % interval", SeriesStyle::Band, band),
-            Series::new("found", SeriesStyle::Marks, points("value")),
+            Series::new("found", SeriesStyle::Marks, points("young")),
             Series::new("true", SeriesStyle::Line, vec![[0.0, 1.0], [most, 1.0]]),
         ],
     }
@@ -252,25 +264,25 @@ fn chart(rows: &[&Row], subject: &Subject) -> Chart {
 
 fn describe(rows: &[Row]) -> String {
     let mut text = format!(
-        "Blocks of {:.0} cm with moduli of {} to {} kPa, of {TWIN_TETS} quadratic tets, are pressed at two places with fingertips of 25 to 35 mm; the forces at {STEPS} depths of each get noise. `palpate identify` finds the modulus with a block of {BODY_TETS} quadratic tets and the Neo-Hookean law. {DRAWS} twins each share a body and differ in their noise.\n\n\
-         | twins | law | noise | depth, mm | number | misfit flagged | intervals that hold the true modulus | a tenth as wide |\n| --- | --- | --- | --- | --- | --- | --- | --- |\n",
-        100.0 * EDGE,
-        1e-3 * YOUNG[0],
-        1e-3 * YOUNG[1],
+        "Bars that hang from one end and lean, of {TWIN_TETS} quadratic tets, are measured: the displacements of {POINTS} points, bare and with {WEIGHT} kg at the lower end, with noise relative to the largest. `palpate identify` finds Young's modulus and the sideways component of gravity with bars of {BODY_TETS} quadratic tets and the Neo-Hookean law. {DRAWS} twins each share a body and differ in their noise. Intervals are of 90 %; a tenth as wide they must fail.\n\n\
+         | twins | law | moduli, kPa | noise | number | misfit flagged | hold the modulus | hold gravity | a tenth as wide |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
     );
     for subject in &SUBJECTS {
         let own = of(rows, subject);
         let sum = |what: &str| own.iter().map(|row| row.number(what)).sum::<f64>();
         text += &format!(
-            "| {} | {} | {} % | {} | {} | {} | {} | {} |\n",
+            "| {} | {} | {} to {} | {} % | {} | {} | {} | {} | {}, {} |\n",
             subject.name,
             subject.model,
+            1e-3 * subject.young[0],
+            1e-3 * subject.young[1],
             100.0 * subject.noise,
-            1e3 * subject.depth,
             own.len(),
             sum("flagged"),
-            sum("holds"),
-            sum("tenth_holds"),
+            sum("young_holds"),
+            sum("gravity_holds"),
+            sum("young_tenth_holds"),
+            sum("gravity_tenth_holds"),
         );
     }
     text

@@ -25,7 +25,7 @@ struct Subject {
 }
 
 /// Returns the breast scene with this lump.
-fn breast(tets: usize, [contrast, wide, deep]: [f64; 3]) -> Result<Scene> {
+pub(super) fn breast(tets: usize, [contrast, wide, deep]: [f64; 3]) -> Result<Scene> {
     Scene::parse(&format!(
         "[mesh]\ngenerate = \"breast\"\ntets = {tets}\nlump_mm = {wide}\ndepth_mm = {deep}\ncontrast = {contrast}\n\
          [material]\nmodel = \"neo-hookean\"\nstiffness_field = \"stiffness\"\n\
@@ -34,7 +34,7 @@ fn breast(tets: usize, [contrast, wide, deep]: [f64; 3]) -> Result<Scene> {
 }
 
 /// Returns the centre of the lump.
-fn middle(mesh: &TetMesh) -> Result<DVec3> {
+pub(super) fn middle(mesh: &TetMesh) -> Result<DVec3> {
     let label = mesh.region_names.iter().find(|(_, name)| *name == "lump");
     let labels = mesh.field("label", Location::Cell);
     let (Some((label, _)), Some(labels)) = (label, labels) else {
@@ -143,13 +143,15 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         chart(&rows, *contrast, &wides, &deeps).save(run.dir, &name)?;
         charts.push(name);
     }
+    let mut text = describe(&rows);
+    #[cfg(feature = "identify")]
+    {
+        let (more, of_intervals) = super::lump_intervals::run(run)?;
+        text += &more;
+        charts.extend(of_intervals);
+    }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    run.write_findings(
-        "lumps",
-        "Lumps found by stiffness maps",
-        &describe(&rows),
-        &charts,
-    )
+    run.write_findings("lumps", "Lumps found by stiffness maps", &text, &charts)
 }
 
 /// The results for one lump.

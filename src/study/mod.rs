@@ -11,6 +11,8 @@ mod chart;
 mod coverage;
 mod csv_table;
 mod elements;
+#[cfg(feature = "identify")]
+mod lump_intervals;
 mod lumps;
 mod motion;
 mod pareto;
