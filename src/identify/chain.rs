@@ -26,16 +26,8 @@ impl MeasuredBody<'_> {
             terms: vec![Vec::new(); self.unknowns.len()],
         };
         for (k, unknown) in self.unknowns.iter().enumerate() {
-            let tets = || self.tets[k].clone();
-            let parameter = match unknown.kind {
-                Kind::Young(_) => Parameter::Young { tets: tets() },
-                Kind::Poisson(_) => Parameter::Poisson { tets: tets() },
-                Kind::Density(_) => Parameter::Density { tets: tets() },
-                Kind::Gravity(axis) => Parameter::Gravity {
-                    direction: DVec3::AXES[axis],
-                },
-                Kind::Pressure(n) => Parameter::Amplitude(AmplitudeId::from_index(n)),
-                _ => continue,
+            let Some(parameter) = parameter_of(&unknown.kind, &self.tets[k]) else {
+                continue;
             };
             chain.terms[k].push((chain.parameters.len(), 1.0));
             chain.parameters.push(parameter);
@@ -99,6 +91,21 @@ impl MeasuredBody<'_> {
         }
         Ok(chain)
     }
+}
+
+/// Returns the parameter of the engine that an unknown of a tissue or a load is.
+fn parameter_of(kind: &Kind, tets: &[u32]) -> Option<Parameter> {
+    let tets = || tets.to_vec();
+    Some(match kind {
+        Kind::Young(_) => Parameter::Young { tets: tets() },
+        Kind::Poisson(_) => Parameter::Poisson { tets: tets() },
+        Kind::Density(_) => Parameter::Density { tets: tets() },
+        Kind::Gravity(axis) => Parameter::Gravity {
+            direction: DVec3::AXES[*axis],
+        },
+        Kind::Pressure(n) => Parameter::Amplitude(AmplitudeId::from_index(*n)),
+        _ => return None,
+    })
 }
 
 impl FactorSlope {

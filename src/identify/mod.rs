@@ -29,7 +29,7 @@ mod uncertainty;
 mod unknown;
 
 pub use data::Experiment;
-pub use report::{Identified, IdentifiedValue, PressAdvice, Residual, StiffnessFactor};
+pub use report::{Identified, IdentifiedValue, PressAdvice, Residual};
 pub use unknown::Unknown;
 
 use crate::gpu::Gpu;

@@ -720,7 +720,7 @@ fn derivatives_by_factors_and_offsets_match_differences() {
     let mut values: Vec<f64> = (0..count).map(|k| 1.0 + 0.5 * (k as f64).sin()).collect();
     values[count - 1] = 0.003;
     let own = body.predict(&values, &no_progress).unwrap();
-    for k in [0, 13, 26, 27] {
+    for k in [13, 27] {
         let h = 1e-3 * values[k];
         let at = |by: f64| {
             let mut other = values.clone();

@@ -35,8 +35,8 @@ pub(super) struct Uncertainty {
     pub is_misfit: bool,
     /// Largest change of each θ by the discretisation error.
     pub shift: DVector<f64>,
-    /// How far an error of the scene as large as that which the residuals show, in their norm, could move each
-    /// θ: what the unknowns have absorbed of it is not seen. 0 if the scene explains the data.
+    /// How far an error of the scene could have moved each θ, if what the unknowns have absorbed of it is as
+    /// large as what the residuals show (a standard deviation, in their norm). 0 if the scene explains the data.
     pub model_error: DVector<f64>,
     /// Combinations that the data do not determine: weights by unknown, the largest 1.
     pub undetermined: Vec<Vec<f64>>,
@@ -92,7 +92,7 @@ impl Uncertainty {
             model_error: match is_misfit {
                 true => {
                     let excess = (squares - freedom).max(0.0);
-                    covariance_of(&own, excess).0.diagonal().map(f64::sqrt)
+                    quantile * covariance_of(&own, excess).0.diagonal().map(f64::sqrt)
                 }
                 false => DVector::zeros(columns),
             },

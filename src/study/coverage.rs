@@ -28,29 +28,30 @@ struct Subject {
     model: &'static str,
     /// Bounds of Young's modulus, Pa.
     young: [f64; 2],
+    /// The weight at the lower end of the bar, kg.
+    weight: f64,
     /// Standard deviation of the noise over the largest displacement, as stated.
     noise: f64,
 }
 
-/// Noise larger than the errors of the meshes, by the law of the scene; and softer bodies with a noise that lets
-/// another law be seen.
+/// Noise larger than the errors of the meshes, by the law of the scene; and a weight and a noise that let another
+/// law be seen.
 const SUBJECTS: [Subject; 2] = [
     Subject {
         name: "same law",
         model: "neo-hookean",
         young: [3e4, 1e5],
+        weight: 1.0,
         noise: 0.1,
     },
     Subject {
         name: "other law",
         model: "corotated",
-        young: [1e4, 2e4],
+        young: [3e4, 6e4],
+        weight: 3.0,
         noise: 0.005,
     },
 ];
-
-/// The weight at the lower end of the bar, kg.
-const WEIGHT: f64 = 1.0;
 
 /// A bar that hangs from its upper end and leans.
 struct Twin {
@@ -86,7 +87,7 @@ fn twin(run: &Run, subject: &Subject, number: usize) -> Result<Twin> {
     let numbers = predicted(
         run.gpu,
         &scene,
-        &experiments(&[points.clone(), points.clone()])?,
+        &experiments(&[points.clone(), points.clone()], subject.weight)?,
     )?;
     let mut moved = numbers.as_chunks::<3>().0.iter();
     let points = [&points, &points].map(|points| {
@@ -100,8 +101,8 @@ fn twin(run: &Run, subject: &Subject, number: usize) -> Result<Twin> {
 }
 
 /// Returns the measurements of a bare bar and of one with a weight.
-fn experiments([bare, loaded]: &[Vec<(DVec3, DVec3)>; 2]) -> Result<Vec<Experiment>> {
-    let weight = format!("[[mass]]\non = {{ x_above = 0.119 }}\nkg = {WEIGHT}");
+fn experiments([bare, loaded]: &[Vec<(DVec3, DVec3)>; 2], weight: f64) -> Result<Vec<Experiment>> {
+    let weight = format!("[[mass]]\non = {{ x_above = 0.119 }}\nkg = {weight}");
     let weight = Scene::parse(&format!("[mesh]\ngenerate = \"bar\"\n{weight}"))?.mass;
     Ok(vec![
         Experiment::displacements("bare", bare)?,
@@ -111,26 +112,26 @@ fn experiments([bare, loaded]: &[Vec<(DVec3, DVec3)>; 2]) -> Result<Vec<Experime
 
 impl Twin {
     /// Returns its measurements with noise of a standard deviation relative to the largest displacement.
-    fn measured(&self, noise: f64, random: &mut Random) -> Result<Vec<Experiment>> {
+    fn measured(&self, subject: &Subject, random: &mut Random) -> Result<Vec<Experiment>> {
         let normal = Normal::standard();
         let mut draw = || normal.inverse_cdf(random.next().clamp(1e-12, 1.0 - 1e-12));
         let noisy = self.points.each_ref().map(|points| {
             let lengths = points.iter().map(|(_, u)| u.length());
-            let deviation = noise * lengths.fold(0.0, f64::max);
+            let deviation = subject.noise * lengths.fold(0.0, f64::max);
             let points = points.iter().map(|(at, u)| {
                 let noise = DVec3::new(draw(), draw(), draw());
                 (*at, *u + deviation * noise)
             });
             points.collect()
         });
-        experiments(&noisy)
+        experiments(&noisy, subject.weight)
     }
 }
 
 /// Returns for the modulus and the sideways gravity the value and its interval over the true one, and whether
 /// the interval and a tenth of it hold the true one; the misfit, whether it is flagged, and the error of the mesh.
 fn identified(run: &Run, subject: &Subject, twin: &Twin, seed: u64) -> Result<Vec<Cell>> {
-    let data = twin.measured(subject.noise, &mut Random::new(seed))?;
+    let data = twin.measured(subject, &mut Random::new(seed))?;
     let names = ["material.young", "gravity.y"].map(Unknown::parse);
     let options = IdentifyOptions {
         unknowns: names.into_iter().collect::<Result<Vec<_>>>()?.concat(),
@@ -264,18 +265,19 @@ fn chart(rows: &[&Row], subject: &Subject) -> Chart {
 
 fn describe(rows: &[Row]) -> String {
     let mut text = format!(
-        "Bars that hang from one end and lean, of {TWIN_TETS} quadratic tets, are measured: the displacements of {POINTS} points, bare and with {WEIGHT} kg at the lower end, with noise relative to the largest. `palpate identify` finds Young's modulus and the sideways component of gravity with bars of {BODY_TETS} quadratic tets and the Neo-Hookean law. {DRAWS} twins each share a body and differ in their noise. Intervals are of 90 %; a tenth as wide they must fail.\n\n\
-         | twins | law | moduli, kPa | noise | number | misfit flagged | hold the modulus | hold gravity | a tenth as wide |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
+        "Bars that hang from one end and lean, of {TWIN_TETS} quadratic tets, are measured: the displacements of {POINTS} points, bare and with a weight at the lower end, with noise relative to the largest. `palpate identify` finds Young's modulus and the sideways component of gravity with bars of {BODY_TETS} quadratic tets and the Neo-Hookean law. {DRAWS} twins each share a body and differ in their noise. Intervals are of 90 %; a tenth as wide they must fail.\n\n\
+         | twins | law | moduli, kPa | weight, kg | noise | number | misfit flagged | hold the modulus | hold gravity | a tenth as wide |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
     );
     for subject in &SUBJECTS {
         let own = of(rows, subject);
         let sum = |what: &str| own.iter().map(|row| row.number(what)).sum::<f64>();
         text += &format!(
-            "| {} | {} | {} to {} | {} % | {} | {} | {} | {} | {}, {} |\n",
+            "| {} | {} | {} to {} | {} | {} % | {} | {} | {} | {} | {}, {} |\n",
             subject.name,
             subject.model,
             1e-3 * subject.young[0],
             1e-3 * subject.young[1],
+            subject.weight,
             100.0 * subject.noise,
             own.len(),
             sum("flagged"),
