@@ -203,6 +203,8 @@ def identify(
     bounds: list[tuple[str, tuple[float, float]]],
     first: list[tuple[str, float]],
     starts: int,
+    first_start: int,
+    profiled: list[str],
     advise: bool,
     adapter: str | None,
     progress: _Progress,

@@ -72,6 +72,7 @@ impl ScenePatch {
     ///
     /// # Errors
     /// [`Error::Input`] if the scene has no such table.
+    #[cfg(feature = "identify")]
     pub fn set_in_list(
         &mut self,
         (list, number): (&str, usize),

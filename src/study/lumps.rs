@@ -143,13 +143,13 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         chart(&rows, *contrast, &wides, &deeps).save(run.dir, &name)?;
         charts.push(name);
     }
-    let mut text = describe(&rows);
+    let text = describe(&rows);
     #[cfg(feature = "identify")]
-    {
+    let text = {
         let (more, of_intervals) = super::lump_intervals::run(run)?;
-        text += &more;
         charts.extend(of_intervals);
-    }
+        text + &more
+    };
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
     run.write_findings("lumps", "Lumps found by stiffness maps", &text, &charts)
 }

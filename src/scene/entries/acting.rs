@@ -1,7 +1,8 @@
 //! Entries of pressures, prescribed displacements and muscles.
 
-use crate::scene::{LabelOrName, Region, Scene};
-use crate::{Error, Result};
+use crate::scene::{LabelOrName, Region};
+#[cfg(feature = "identify")]
+use crate::{Error, Result, scene::Scene};
 use serde::Deserialize;
 use std::path::PathBuf;
 
@@ -108,6 +109,7 @@ pub(crate) enum FibreEntry {
     Field(String),
 }
 
+#[cfg(feature = "identify")]
 impl Scene {
     /// Returns pressure `n` of the scene, Pa.
     ///
