@@ -121,7 +121,7 @@ def identify(
         first: values of unknowns at the start; default: those of the scene.
         starts: number of starts from different values.
         first_start: number of the first of them, counted from 0.
-        profile: unknowns whose intervals are found by profile likelihood, which takes some tens of
+        profile: unknowns whose intervals are found by profile likelihood, which takes several
             predictions each.
         advice: whether to find the further press that would tell most.
         adapter: graphics adapter.

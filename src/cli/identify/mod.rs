@@ -44,8 +44,8 @@ pub struct IdentifyArguments {
     /// Start from so many values, because there may be several optima
     #[arg(long, default_value_t = 1)]
     starts: u32,
-    /// Find the intervals of these unknowns by profile likelihood, for skewed ones; it takes some tens of
-    /// predictions each. all: of all but the places of a grid
+    /// Find the intervals of these unknowns by profile likelihood, for skewed ones; it takes several
+    /// predictions for each end. all: of all but the places of a grid
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     profile: Vec<String>,
     /// Do not look for the further press that would tell most
