@@ -22,7 +22,7 @@ fn gradient_at(i: u32) -> vec4<f32> {
     return textureLoad(gradients, array_texel(i), 0);
 }
 
-#for render/walk_planes
+#for render/walk_planes render/path
 // Eight texels per tet; see refresh_geometry.wgsl.
 @group(0) @binding(next) var records: texture_2d<u32>;
 

@@ -2,7 +2,7 @@
 // point. CPU reference: `render::scan`. Needs `corner_at` of the importing shader.
 #term scan
 
-#for render/walk_vertices render/walk_planes render/shadow_fill
+#for render/walk_vertices render/walk_planes render/shadow_fill render/path
 // Number of scans, and whether any of them is a label volume.
 override SCAN_COUNT: u32 = 1u;
 override LABELS: bool = false;
@@ -85,9 +85,11 @@ const MAX_STEPS: u32 = 8192u;
 // Offset in texels past a label boundary that the ray has just reached.
 const STEP_EPSILON: f32 = 1e-3;
 
+#for render/walk_vertices render/walk_planes render/path
 // F⁻ᵀ of the current tet, which transforms gradients from the rest to the deformed configuration.
 var<private> rest_to_world: mat3x3<f32>;
 
+#for render/walk_vertices render/walk_planes
 fn set_rest_to_world(tet: u32) {
     let v = textureLoad(tets, array_texel(tet), 0);
     let p = corner_at(v.x);
@@ -112,6 +114,7 @@ fn set_rest_to_world(tet: u32) {
     );
 }
 
+#for render/walk_vertices render/walk_planes render/path
 // Returns the gradient of scan k at a rest position, transformed to the deformed body in the local
 // frame: the gradient of the values, or of the indicator function of the local label.
 fn scan_gradient(k: u32, rest: vec3<f32>) -> vec3<f32> {
@@ -131,6 +134,7 @@ fn scan_gradient(k: u32, rest: vec3<f32>) -> vec3<f32> {
     return rest_to_world * (g.x * s.x.xyz + g.y * s.y.xyz + g.z * s.z.xyz);
 }
 
+#for render/walk_vertices render/walk_planes
 // Returns the table coordinate of a normalised value.
 fn coordinate_of(share: f32) -> f32 {
     return params.scalar.x * share + params.scalar.y;

@@ -1,12 +1,13 @@
 //! Flags shared by all commands that render; they override the values of a scene.
 
+use super::path_flags::{LightFlag, PathFlags};
 use super::refinement::AccuracyFlags;
 use super::volume_flag::{self, VolumeFlag};
 use clap::Args;
 use palpate::annotate::Axes;
 use palpate::mesh::AnatomicalFrame;
 use palpate::physics::{EngineChoice, MaterialModel};
-use palpate::render::{Isosurface, Light};
+use palpate::render::Isosurface;
 use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -51,14 +52,17 @@ pub struct SceneFlags {
     /// Set the background of a PNG: black, white or transparent [default: black]
     #[arg(long, help_heading = "Picture")]
     pub background: Option<String>,
-    /// Set the light of the volume: head, none, or a direction x,y,z towards it [default: head]
+    /// Set the light of the volume: head, none, a direction x,y,z towards it, or path for light that
+    /// travels, with multiple scattering and soft shadows [default: head]
     #[arg(
         long,
         value_name = "LIGHT",
         help_heading = "Picture",
         allow_hyphen_values = true
     )]
-    pub light: Option<Light>,
+    pub light: Option<LightFlag>,
+    #[command(flatten)]
+    pub paths: PathFlags,
     /// Set the strength of shadows within the body, 0 to 1; with the head light, of ambient occlusion
     /// [default: none; 0.7 without a number]
     #[arg(
@@ -309,7 +313,15 @@ impl SceneFlags {
             override_with(given.transfer.clone(), &mut first.transfer);
         }
         override_with(given.energy, &mut scene.xray.energy);
-        override_with(given.light, &mut scene.light.from);
+        match given.light {
+            Some(LightFlag::Path) => scene.light.model = Some("path".into()),
+            Some(LightFlag::Local(light)) => {
+                scene.light.model = None;
+                scene.light.from = Some(light);
+            }
+            None => {}
+        }
+        given.paths.apply_to(&mut scene.light);
         override_with(given.shadows, &mut scene.light.shadows);
         let picture = &mut scene.picture;
         override_with(given.range.map(|r| r.0), &mut picture.range);
@@ -425,7 +437,7 @@ fn hex(colour: [f64; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-fn override_with<T>(given: Option<T>, place: &mut Option<T>) {
+pub(super) fn override_with<T>(given: Option<T>, place: &mut Option<T>) {
     if given.is_some() {
         *place = given;
     }

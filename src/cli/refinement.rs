@@ -55,7 +55,7 @@ impl WithinFlags {
     }
 }
 
-fn percent(text: &str) -> Result<f64, String> {
+pub(super) fn percent(text: &str) -> Result<f64, String> {
     AccuracyEntry::parse_share(text).map_err(|e| e.to_string())
 }
 

@@ -155,9 +155,13 @@ pub fn run(gpu: &Gpu, arguments: &RenderArguments) -> anyhow::Result<Outcome> {
     // Rendered even if the simulation failed: its last valid state is informative.
     if let Some(out) = &arguments.out {
         let stage = of_error.as_mut().unwrap_or(&mut stage);
-        progress::with_message("drawing", || stage.save(out))?;
+        match stage.draws_paths() {
+            true => progress::with_stages(|progress| stage.save_with_progress(out, progress))?,
+            false => progress::with_message("drawing", || stage.save(out))?,
+        }
         let notes = stage.field_note().into_iter();
-        super::print_notes(&notes.chain(stage.annotation_note(out)).collect::<Vec<_>>());
+        let notes = notes.chain(stage.annotation_note(out));
+        super::print_notes(&notes.chain(stage.path_note()).collect::<Vec<_>>());
     }
     if film.is_requested() {
         let stage = of_error.as_mut().unwrap_or(&mut stage);

@@ -13,6 +13,7 @@ mod geometry;
 mod image;
 mod image_tiles;
 mod light;
+mod path;
 mod pick;
 mod presets;
 mod quality;
@@ -54,6 +55,7 @@ pub use xray::Xray;
 
 pub(crate) use depth_peeling::{CACHED_SIZES, attachment};
 pub(crate) use image_tiles::draw_supersampled;
+pub(crate) use path::{Environment, PathOptions, Wall, linear_light};
 pub(crate) use pick::PickRay;
 pub(crate) use surface::{ClipPlanes, image_with_depth};
 pub(crate) use transfer_function::named_colour;

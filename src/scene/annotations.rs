@@ -9,6 +9,7 @@ use crate::annotate::{
 };
 use crate::mesh::{DEPTH, TetMesh, Topology};
 use crate::physics::BodyField;
+use crate::progress::{ProgressFn, no_progress};
 #[cfg(not(target_arch = "wasm32"))]
 use crate::render::Animation;
 use crate::render::{Background, BitDepth, Camera, Image, Mode, TransferFunction};
@@ -263,9 +264,22 @@ impl Stage {
     /// # Errors
     /// As [`Stage::image`] and [`Image::save_as`].
     pub fn save(&mut self, path: impl AsRef<Path>) -> Result<()> {
+        self.save_with_progress(path, &no_progress)
+    }
+
+    /// As [`Stage::save`]; reports the progress of light paths.
+    ///
+    /// # Errors
+    /// As [`Stage::save`], and [`Error::Cancelled`](crate::Error::Cancelled).
+    pub fn save_with_progress(
+        &mut self,
+        path: impl AsRef<Path>,
+        progress: ProgressFn,
+    ) -> Result<()> {
         let path = path.as_ref();
+        let raw = self.raw_image(progress)?;
         let image = match is_exr(path) {
-            true => self.image()?,
+            true => raw,
             false => self.render_annotated()?,
         };
         image.save_as(path, self.looks.background, self.looks.bits)

@@ -11,7 +11,7 @@ use super::xray::RadiographFilm;
 use super::{ScalarField, Scene};
 use crate::Result;
 use crate::gpu::Gpu;
-use crate::render::{Background, BitDepth, Camera, Raycaster, Surface};
+use crate::render::{Background, BitDepth, Camera, PathOptions, Raycaster, Surface};
 use crate::skin::{Compositor, Skin};
 
 /// The part of a [`Stage`](super::Stage) that depends on the appearance of the body, not on its
@@ -36,6 +36,8 @@ pub(super) struct SceneAppearance {
     /// The displayed field, if it is recomputed for each picture.
     pub computed_field: Option<ComputedField>,
     pub raycaster: Raycaster,
+    /// Options of light paths, if the picture is drawn by them.
+    pub paths: Option<PathOptions>,
     pub surface: Surface,
     /// Automatic choices, as messages.
     pub notes: Vec<String>,
@@ -111,6 +113,7 @@ impl SceneAppearance {
             scalars,
             computed_field,
             raycaster,
+            paths: scene.light.paths()?.filter(|_| scene.is_composite()),
             surface,
             notes,
         })

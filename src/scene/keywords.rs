@@ -24,6 +24,8 @@ pub(super) const MODES: [&str; 8] = [
 ];
 /// Ray traversals of the tetrahedra.
 pub(super) const TRAVERSALS: [&str; 2] = ["vertices", "planes"];
+/// Models of light.
+const LIGHT_MODELS: [&str; 2] = ["local", "path"];
 /// Backgrounds of a picture.
 pub(super) const BACKGROUNDS: [&str; 3] = ["transparent", "black", "white"];
 /// Kinds of axes.
@@ -68,6 +70,10 @@ pub(super) fn traversal<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::
 
 pub(super) fn background<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
     checked(from, |word| one_of("background", &BACKGROUNDS, word))
+}
+
+pub(super) fn light_model<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("model of light", &LIGHT_MODELS, word))
 }
 
 pub(super) fn damping_kind<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {

@@ -46,6 +46,7 @@ mod even_traction;
 mod grid;
 mod joint;
 mod keywords;
+mod light;
 mod material;
 mod mesh_manifest;
 mod mesh_source;
@@ -308,6 +309,9 @@ impl Scene {
         }
         for transfer in scene.picture.transfer_files() {
             *transfer = folder.join(&transfer).to_string_lossy().into_owned();
+        }
+        for map in scene.light.environment_file() {
+            *map = folder.join(&map).to_string_lossy().into_owned();
         }
         Ok(scene)
     }

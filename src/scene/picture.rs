@@ -247,6 +247,14 @@ impl Scene {
         }
     }
 
+    /// Whether the picture is of the volume, by emission and absorption.
+    pub(super) fn is_composite(&self) -> bool {
+        matches!(
+            self.display_mode(),
+            Ok(DisplayMode::Inside(Mode::Composite))
+        )
+    }
+
     pub(super) fn background(&self) -> Result<Background> {
         match self.picture.background.as_deref() {
             None => Ok(Background::default()),

@@ -171,6 +171,10 @@ impl Scene {
             (!self.scan.is_empty(), "scans"),
             (!self.skin.is_empty(), "skins"),
             (
+                self.light.model.as_deref() == Some("path"),
+                "light paths, which cross from piece to piece",
+            ),
+            (
                 !(self.plane.is_empty() && self.isosurface.is_empty())
                     || picture.volume == Some(false),
                 "planes and isosurfaces",

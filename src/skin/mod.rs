@@ -22,6 +22,7 @@ mod pick;
 mod report;
 mod skinned_vertices;
 mod vertices;
+mod walls;
 
 pub use appearance::SkinColouring;
 pub use bake::{BakeReport, bake};

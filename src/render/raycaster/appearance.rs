@@ -131,6 +131,26 @@ impl Appearance {
         self.requested.scans.as_deref().zip(self.scans.as_ref())
     }
 
+    /// Returns the largest extinction of the scans in each tet, relative to the largest of all, in
+    /// the tet order of the geometry; `None` without scans. Hidden tets have 0.
+    pub fn scan_majorants(&self, geometry: &Geometry) -> Option<Vec<f32>> {
+        let held = self.requested.scans.as_ref()?;
+        let (rows, first) = self.requested.rows(geometry);
+        let most = max_extinction(geometry, &self.table);
+        let of_tets = self.requested.regions.as_ref().map(|r| &r.of_tets);
+        let own = |t: usize| of_tets.map_or(0, |rows| rows[t]);
+        let row = |t: usize| (own(t) as usize).min(first - 1);
+        let found = held.majorants(&rows, first, &row);
+        let mut placed = vec![0.0; found.len()];
+        for (t, sigma) in found.into_iter().enumerate() {
+            if own(t) != HIDDEN_ROW && most > 0.0 {
+                // Rounding must not exceed the majorant.
+                placed[geometry.tet_order[t] as usize] = (1.000_01 * sigma / most) as f32;
+            }
+        }
+        Some(placed)
+    }
+
     /// Whether the traversal needs rest positions.
     pub fn needs_rest(&self) -> bool {
         self.requested.inside.needs_rest_positions() || self.requested.scans.is_some()

@@ -37,7 +37,7 @@ pub struct Raycaster {
     pub(super) lost_rays: wgpu::Buffer,
     nothing_opaque: wgpu::TextureView,
     /// Placeholder for the tet rows if regions have no separate appearance.
-    no_rows: Array,
+    pub(super) no_rows: Array,
     shadows: Option<Shadows>,
     /// Output buffer for the separate ray segments, while they are being extracted.
     segment_buffer: Option<wgpu::Buffer>,

@@ -222,6 +222,46 @@ impl ScanSet {
         gpu.buffer_of("scan placements", &items)
     }
 
+    /// Returns the largest extinction of all scans in each tet, per file unit. The first scan has
+    /// `first` of `rows`; `row` maps a tet to its row.
+    pub fn majorants(
+        &self,
+        rows: &[TableRow],
+        first: usize,
+        row: &(dyn Fn(usize) -> usize + Sync),
+    ) -> Vec<f64> {
+        let of_scans = self.row_of_scans(first);
+        let all = self.scans.iter().zip(&self.parts);
+        let looks: Vec<_> = all
+            .map(|(scan, part)| part.looks(&scan.appearance))
+            .collect();
+        parallel::map(self.tets, |t| {
+            let of_scan = |(k, part): (usize, &ScanData)| {
+                let Some([low, high]) = part.of_tets[t] else {
+                    return 0.0;
+                };
+                if part.numbered.is_some() {
+                    let numbers = LabelIndex::from_texel(low)..=LabelIndex::from_texel(high);
+                    let shown = looks[k][numbers].iter().map(|look| look.extinction);
+                    return shown.fold(0.0, f64::max);
+                }
+                let TableRow {
+                    transfer, range, ..
+                } = &rows[match k {
+                    0 => row(t),
+                    k => of_scans[k],
+                }];
+                // Colours are interpolated between entries of a table.
+                let off = 2.0 * TABLE_ROUNDING * (range.1 - range.0)
+                    + TEXEL_ROUNDING * (part.ends.1 - part.ends.0);
+                let [low, high] = [part.value(low) - off, part.value(high) + off]
+                    .map(|v| v.clamp(range.0, range.1));
+                transfer.max_extinction_between(low, high)
+            };
+            self.parts.iter().enumerate().map(of_scan).sum()
+        })
+    }
+
     /// Returns, for each tet, whether all scans are transparent in it and the first scan has none
     /// of the isosurface `values` there. The first scan has `first` of `rows`; `row` maps a tet to
     /// its row.

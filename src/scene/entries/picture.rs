@@ -13,9 +13,53 @@ use std::collections::BTreeMap;
 /// from = "head"           # at the eye; or "none", or a direction [1.0, 0, 2] to the light
 /// shadows = 0.7           # shadow strength, 0 to 1; default: none
 /// ```
+///
+/// Light that travels, in mode `composite`:
+///
+/// ```toml
+/// [light]
+/// model = "path"          # paths of light with multiple scattering and soft shadows
+/// samples = 64            # per pixel
+/// noise = 0.01            # end earlier, when the noise is 1 %
+/// seed = 0                # the same seed gives the same picture on one driver
+/// environment = "studio"  # or "white", or a file .hdr or .exr; with a direction in `from`: a sun
+/// exposure = 1.0          # factor on the light
+/// density = 4.0           # factor on the extinction: tissue looks more solid
+/// denoise = true          # filter the last noise
+/// roughness = 0.4         # of surfaces, 0.1 to 1
+/// anisotropy = 0.0        # mean cosine of scattering in soft tissue, -0.95 to 0.95
+/// aperture = 0.0          # radius of the lens, in the mesh's unit; 0: all is in focus
+/// focus = 120.0           # distance in focus; default: of the point looked at
+/// ```
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightEntry {
+    /// How light is computed: `local`, from the gradient at each place (default), or `path`.
+    #[serde(default, deserialize_with = "keywords::light_model")]
+    pub model: Option<String>,
+    /// Samples per pixel of light paths; default 64.
+    pub samples: Option<u32>,
+    /// Noise of light paths at which they end, as a fraction of the light.
+    pub noise: Option<f64>,
+    /// Seed of the random numbers of light paths; default 0.
+    pub seed: Option<u32>,
+    /// Surroundings that light the body by paths: `studio` (default), `white`, or a file .hdr or
+    /// .exr, relative to the scene.
+    pub environment: Option<String>,
+    /// Factor on the light of paths; default 1.
+    pub exposure: Option<f64>,
+    /// Factor on the extinction for light paths; default 1.
+    pub density: Option<f64>,
+    /// Whether the last noise of light paths is filtered; default false.
+    pub denoise: Option<bool>,
+    /// Roughness of surfaces for light paths, 0.1 to 1; default 0.4.
+    pub roughness: Option<f64>,
+    /// Mean cosine of the scattering angle in soft tissue for light paths, −0.95 to 0.95; default 0.
+    pub anisotropy: Option<f64>,
+    /// Radius of the lens for light paths, in the mesh's unit; default 0, all in focus.
+    pub aperture: Option<f64>,
+    /// Distance from the eye in focus, in the mesh's unit; default that of the point looked at.
+    pub focus: Option<f64>,
     /// Light source; default: at the eye.
     #[serde(default, deserialize_with = "keywords::light")]
     pub from: Option<Light>,

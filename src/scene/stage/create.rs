@@ -131,6 +131,7 @@ impl Stage {
             backdrop: [0.0, 0.0, 0.0, 1.0],
             steps: scene.solver.steps.unwrap_or(PlannedRun::DEFAULT_STEPS),
             cached: None,
+            path_report: None,
             pictures: [0; 2],
             depth: None,
             notes,

@@ -2,6 +2,7 @@
 
 use super::{NodeSource, Stage};
 use crate::gpu::{PendingReadback, Recorder};
+use crate::progress::{ProgressFn, no_progress};
 use crate::render::{Camera, Image, Mode, Pick, SurfaceTarget, Target};
 use crate::scene::picture::DisplayMode;
 use crate::scene::tool_skin::ToolSkin;
@@ -13,6 +14,8 @@ pub(in crate::scene) struct CachedFrame {
     version: u64,
     camera: Camera,
     image: Image,
+    /// Linear light, if drawn by light paths.
+    linear: Option<Image>,
 }
 
 /// A picture being read back from the device; see [`Stage::render_async`].
@@ -86,6 +89,14 @@ impl Stage {
     /// # Errors
     /// As [`Raycaster::image`](crate::render::Raycaster::image).
     pub fn image(&mut self) -> Result<Image> {
+        self.image_with_progress(&no_progress)
+    }
+
+    /// As [`Stage::image`]; reports the progress of light paths.
+    ///
+    /// # Errors
+    /// As [`Stage::image`], and [`Error::Cancelled`].
+    pub fn image_with_progress(&mut self, progress: ProgressFn) -> Result<Image> {
         self.publish_now()?;
         if self.follow_tools()? {
             self.cached = None;
@@ -97,14 +108,32 @@ impl Stage {
             self.pictures[1] += 1;
             return Ok(cached.image.clone());
         }
-        let image = self.draw()?;
+        let (image, linear) = match self.looks.paths.clone() {
+            Some(options) => {
+                self.refresh_field()?;
+                let [shown, linear] = self.draw_paths(&options, progress)?;
+                (shown, Some(linear))
+            }
+            None => (self.draw()?, None),
+        };
         self.pictures[0] += 1;
         self.cached = Some(CachedFrame {
             version,
             camera: self.looks.camera,
             image: image.clone(),
+            linear,
         });
         Ok(image)
+    }
+
+    /// Returns the values for an EXR: linear light of light paths, otherwise the picture.
+    pub(in crate::scene) fn raw_image(&mut self, progress: ProgressFn) -> Result<Image> {
+        let image = self.image_with_progress(progress)?;
+        let linear = self
+            .cached
+            .as_ref()
+            .and_then(|cached| cached.linear.clone());
+        Ok(linear.unwrap_or(image))
     }
 
     /// Updates the displayed tools to their poses. Returns whether any has moved.
@@ -118,7 +147,7 @@ impl Stage {
         Ok(moved)
     }
 
-    fn draw(&mut self) -> Result<Image> {
+    pub(super) fn draw(&mut self) -> Result<Image> {
         self.refresh_field()?;
         let samples = self.looks.samples;
         let bare = self.looks.skins.is_empty() && self.looks.tools.is_empty();
@@ -166,7 +195,8 @@ impl Stage {
     }
 
     /// Records the rendering of the picture into `colour`, whose size replaces the scene's, over
-    /// the backdrop: for callers with their own encoders and views. Reads nothing back.
+    /// the backdrop: for callers with their own encoders and views. Reads nothing back. Light is
+    /// local, also in a scene with light paths.
     ///
     /// # Errors
     /// As [`Raycaster::record`](crate::render::Raycaster::record).

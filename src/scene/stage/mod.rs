@@ -24,6 +24,7 @@ mod drawing;
 mod end_notes;
 mod look;
 mod output;
+mod paths;
 mod playback;
 mod report;
 mod source;
@@ -46,6 +47,7 @@ use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::skin::Skin;
 use drawing::CachedFrame;
+use paths::PathReport;
 
 /// A scene ready to be simulated and rendered.
 pub struct Stage {
@@ -62,6 +64,8 @@ pub struct Stage {
     pub(super) steps: u32,
     /// The last picture, while it is up to date.
     pub(super) cached: Option<CachedFrame>,
+    /// Of the last picture by light paths.
+    path_report: Option<PathReport>,
     /// Number of pictures rendered, and number taken from the cache.
     pub(super) pictures: [u64; 2],
     pub(super) depth: Option<wgpu::TextureView>,

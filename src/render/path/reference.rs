@@ -1,0 +1,209 @@
+//! Light paths in float64, by other means than the shader: delta tracking with one majorant for the
+//! whole body, places found by barycentric coordinates in all tets, and no test of directions to the
+//! surroundings. Slow; for bodies of a few tets.
+
+use super::environment::SkyMap;
+use super::lobes::{self, SpecularAlbedo};
+use super::tone::linear;
+use crate::render::AbsoluteTransferFunction;
+use glam::DVec3;
+use std::f64::consts::PI;
+
+/// Gradient with which half of the collisions are with a surface; as in the shader.
+const GRADIENT_HALF_SATURATION: f64 = 2.0;
+/// Optical depth and distance within which a cut face acts as a surface; as in the shader.
+const CUT_DEPTH: f64 = 3.0;
+const CUT_DISTANCE: f64 = 0.01;
+
+/// A body in the local frame, with scalars at its nodes.
+pub(super) struct ReferenceBody<'a> {
+    pub nodes: &'a [DVec3],
+    pub tets: &'a [[u32; 4]],
+    pub scalars: &'a [f64],
+    /// Gradient at each node.
+    pub gradients: &'a [DVec3],
+    pub transfer: &'a AbsoluteTransferFunction,
+    /// Local units per file unit: extinctions are per file unit.
+    pub scale: f64,
+    /// Clip planes: normal and offset in the local frame.
+    pub clips: &'a [(DVec3, f64)],
+}
+
+pub(super) struct ReferencePaths<'a> {
+    pub body: ReferenceBody<'a>,
+    pub sky: SkyMap,
+    pub roughness: f64,
+    pub anisotropy: f64,
+    pub albedo: SpecularAlbedo,
+    pub random: Random,
+}
+
+/// Random numbers: SplitMix64.
+pub(super) struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// What a place is made of.
+struct Spot {
+    scalar: f64,
+    gradient: DVec3,
+}
+
+impl ReferenceBody<'_> {
+    /// Returns the scalar and the gradient at a place; `None` outside.
+    fn at(&self, x: DVec3) -> Option<Spot> {
+        for tet in self.tets {
+            let p = tet.map(|v| self.nodes[v as usize]);
+            let volume = |a: DVec3, b: DVec3, c: DVec3, d: DVec3| (b - a).dot((c - a).cross(d - a));
+            let whole = volume(p[0], p[1], p[2], p[3]);
+            let w = [
+                volume(x, p[1], p[2], p[3]),
+                volume(p[0], x, p[2], p[3]),
+                volume(p[0], p[1], x, p[3]),
+                volume(p[0], p[1], p[2], x),
+            ]
+            .map(|v| v / whole);
+            if w.iter().all(|w| *w >= 0.0) {
+                let sum =
+                    |of: &dyn Fn(usize) -> f64| (0..4).map(|k| w[k] * of(tet[k] as usize)).sum();
+                return Some(Spot {
+                    scalar: sum(&|v| self.scalars[v]),
+                    gradient: DVec3::new(
+                        sum(&|v| self.gradients[v].x),
+                        sum(&|v| self.gradients[v].y),
+                        sum(&|v| self.gradients[v].z),
+                    ),
+                });
+            }
+        }
+        None
+    }
+
+    /// Returns the distance to the nearest clip plane and its normal; negative if clipped.
+    fn cut(&self, x: DVec3) -> (f64, DVec3) {
+        let each = self.clips.iter().map(|(n, c)| (c - n.dot(x), *n));
+        each.fold((f64::INFINITY, DVec3::Z), |best, other| {
+            if other.0 < best.0 { other } else { best }
+        })
+    }
+}
+
+impl ReferencePaths<'_> {
+    /// Returns light and opacity of one path from `origin` along the unit vector `way`.
+    pub fn trace(&mut self, origin: DVec3, way: DVec3) -> ([f64; 3], f64) {
+        let majorant = self.body.transfer.max_extinction() * self.body.scale;
+        let (low, high) = crate::mesh::bounds(self.body.nodes);
+        let (mut x, mut d) = (origin, way);
+        let mut weight = [1.0; 3];
+        let mut events = 0;
+        loop {
+            // To the box around the body, then by free flights until beyond it.
+            let Some(start) = enter_box(x, d, low, high) else {
+                break;
+            };
+            x += start * d;
+            let mut hit = None;
+            while hit.is_none() {
+                x += d * (-(1.0 - self.random.next()).ln() / majorant);
+                if !((x - low).min_element() >= 0.0 && (high - x).min_element() >= 0.0) {
+                    break;
+                }
+                let Some(spot) = self.body.at(x) else {
+                    continue;
+                };
+                let sigma = self.body.transfer.extinction(spot.scalar) * self.body.scale;
+                let cut = self.body.cut(x);
+                if cut.0 >= 0.0 && self.random.next() * majorant < sigma {
+                    hit = Some((spot, sigma, cut));
+                }
+            }
+            let Some((spot, sigma, cut)) = hit else {
+                break;
+            };
+            events += 1;
+            let colour = self.body.transfer.colour(spot.scalar).map(linear);
+            let steep = spot.gradient.length();
+            let mut share = steep / (steep + GRADIENT_HALF_SATURATION);
+            let mut normal = spot.gradient.normalize_or_zero();
+            let near = (sigma * cut.0 / CUT_DEPTH).powi(2) + (cut.0 / CUT_DISTANCE).powi(2);
+            if self.random.next() < (-near).exp() {
+                (share, normal) = (1.0, cut.1);
+            }
+            if normal.dot(d) > 0.0 {
+                normal = -normal;
+            }
+            let (next, factor) = match self.random.next() < share && -normal.dot(d) > 1e-4 {
+                true => self.reflect(normal, -d, colour),
+                false => (self.scatter(d), colour),
+            };
+            d = next;
+            for (w, f) in weight.iter_mut().zip(factor) {
+                *w *= f;
+            }
+            let most = weight.iter().copied().fold(0.0, f64::max);
+            let survives = if events > 8 { most.min(1.0) } else { 1.0 };
+            if most <= 0.0 || self.random.next() >= survives {
+                return ([0.0; 3], 1.0);
+            }
+            weight = weight.map(|w| w / survives);
+        }
+        if events == 0 {
+            return ([0.0; 3], 0.0);
+        }
+        let sky = self.sky.texels[self.sky.texel(d)];
+        (std::array::from_fn(|k| weight[k] * sky[k]), 1.0)
+    }
+
+    /// Returns a direction after scattering in soft tissue.
+    fn scatter(&mut self, d: DVec3) -> DVec3 {
+        let g = self.anisotropy;
+        let u = self.random.next();
+        let cosine = match g.abs() > 1e-6 {
+            true => {
+                let s = (1.0 - g * g) / (1.0 - g + 2.0 * g * u);
+                (1.0 + g * g - s * s) / (2.0 * g)
+            }
+            false => 1.0 - 2.0 * u,
+        };
+        let turn = 2.0 * PI * self.random.next();
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let side = d.any_orthonormal_vector();
+        let up = d.cross(side);
+        sine * (turn.cos() * side + turn.sin() * up) + cosine * d
+    }
+
+    /// Returns a direction in which a surface reflects w, evenly over the hemisphere, and its factor.
+    fn reflect(&mut self, n: DVec3, w: DVec3, colour: [f64; 3]) -> (DVec3, [f64; 3]) {
+        let (z, turn) = (self.random.next(), 2.0 * PI * self.random.next());
+        let side = n.any_orthonormal_vector();
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        let l = r * (turn.cos() * side + turn.sin() * n.cross(side)) + z * n;
+        let alpha = self.roughness * self.roughness;
+        let (cw, cl) = (n.dot(w), n.dot(l));
+        let h = (w + l).normalize();
+        let a2 = alpha * alpha;
+        let bottom = 1.0 + (a2 - 1.0) * n.dot(h) * n.dot(h);
+        let facets = a2 / (PI * bottom * bottom);
+        let specular = facets * lobes::fresnel(w.dot(h))
+            / (lobes::masking(cw, alpha) * lobes::masking(cl, alpha));
+        let base = (1.0 - self.albedo.at(cw)) * (1.0 - self.albedo.at(cl))
+            / (PI * (1.0 - self.albedo.mean()));
+        (l, colour.map(|c| (c * base + specular) * cl * 2.0 * PI))
+    }
+}
+
+/// Returns the distance at which a ray is in a box, 0 inside; `None` if it misses.
+fn enter_box(x: DVec3, d: DVec3, low: DVec3, high: DVec3) -> Option<f64> {
+    let (a, b) = ((low - x) / d, (high - x) / d);
+    let near = a.min(b).max_element().max(0.0);
+    let far = a.max(b).min_element();
+    (near <= far).then_some(near)
+}

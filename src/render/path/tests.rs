@@ -1,0 +1,580 @@
+#![allow(clippy::unwrap_used)]
+
+use super::environment::Environment;
+use super::lobes::SpecularAlbedo;
+use super::reference::{Random, ReferenceBody, ReferencePaths};
+use super::*;
+use crate::generate;
+use crate::mesh::{LocalFrame, TetMesh, Topology};
+use crate::progress::no_progress;
+use crate::render::{
+    Geometry, Image, Light, Plane, PlaneKind, RaycastOptions, Sections, TransferFunction,
+};
+use glam::DVec3;
+
+/// A body and what its scalars look like.
+struct Body {
+    mesh: TetMesh,
+    topology: Topology,
+    /// Current positions, in file units.
+    nodes: Vec<DVec3>,
+    scalars: Vec<f64>,
+    transfer: TransferFunction,
+    clips: Vec<Plane>,
+    lit: bool,
+}
+
+impl Body {
+    fn new(
+        shape: &str,
+        tets: usize,
+        scalar: impl Fn(DVec3) -> f64,
+        transfer: TransferFunction,
+    ) -> Body {
+        let mesh = generate::by_name(shape, Some(tets)).unwrap();
+        let (low, high) = mesh.bounds();
+        let share = |p: &DVec3| scalar((*p - low) / (high - low));
+        Body {
+            topology: Topology::new(&mesh),
+            nodes: mesh.nodes.clone(),
+            scalars: mesh.nodes.iter().map(share).collect(),
+            mesh,
+            transfer,
+            clips: Vec::new(),
+            lit: true,
+        }
+    }
+
+    /// Bends the body along its longest axis.
+    fn bent(mut self) -> Body {
+        let (low, high) = self.mesh.bounds();
+        for p in &mut self.nodes {
+            let share = (*p - low) / (high - low);
+            let turn = 0.8 * (share.x - 0.5);
+            let (s, c) = turn.sin_cos();
+            let middle = 0.5 * (low + high);
+            let q = *p - middle;
+            *p = middle
+                + DVec3::new(
+                    c * q.x - s * q.y,
+                    s * q.x + c * q.y + 0.3 * q.x * q.x / (high.x - low.x),
+                    q.z,
+                );
+        }
+        self
+    }
+
+    fn caster(&self, gpu: &Gpu) -> Raycaster {
+        let frame = LocalFrame::from_mesh(&self.mesh);
+        let positions = crate::render::local_positions(gpu, &frame, &self.nodes).unwrap();
+        let mut geometry = Geometry::new(
+            gpu,
+            &self.mesh,
+            &self.topology,
+            frame,
+            &positions,
+            &self.scalars,
+        )
+        .unwrap();
+        geometry
+            .set_scalars(
+                &self.mesh,
+                crate::render::Scalars::Nodes(&self.scalars),
+                (0.0, 1.0),
+            )
+            .unwrap();
+        if self.lit {
+            geometry
+                .enable_lighting(&self.mesh, &self.topology, &self.scalars)
+                .unwrap();
+        }
+        let options = RaycastOptions {
+            light: if self.lit { Light::Head } else { Light::None },
+            ..RaycastOptions::default()
+        };
+        let mut caster = Raycaster::with_options(gpu, geometry, &self.transfer, options).unwrap();
+        caster
+            .set_sections(&Sections {
+                planes: self.clips.clone(),
+                ..Sections::default()
+            })
+            .unwrap();
+        caster
+    }
+
+    /// The same picture in float64: light and opacity, premultiplied; and the standard error of the
+    /// mean of each channel.
+    fn reference(
+        &self,
+        camera: &Camera,
+        size: [u32; 2],
+        options: &PathOptions,
+        samples: u32,
+    ) -> (Image, [f64; 4]) {
+        let frame = LocalFrame::from_mesh(&self.mesh);
+        let local: Vec<DVec3> = self
+            .nodes
+            .iter()
+            .map(|p| (*p - frame.origin) / frame.scale)
+            .collect();
+        let gradients = match self.lit {
+            true => Geometry::reference_node_gradients(
+                &self.mesh,
+                &self.topology,
+                &local,
+                &self.scalars,
+                None,
+            ),
+            false => vec![DVec3::ZERO; local.len()],
+        };
+        let transfer = self.transfer.to_absolute((0.0, 1.0), frame.scale);
+        let clips: Vec<(DVec3, f64)> = self
+            .clips
+            .iter()
+            .map(|plane| {
+                let n = plane.normal.normalize();
+                (n, n.dot((plane.point - frame.origin) / frame.scale))
+            })
+            .collect();
+        let rows = crate::parallel::map_coarse(size[1] as usize, |y| {
+            let mut paths = ReferencePaths {
+                body: ReferenceBody {
+                    nodes: &local,
+                    tets: &self.mesh.tets,
+                    scalars: &self.scalars,
+                    gradients: &gradients,
+                    transfer: &transfer,
+                    scale: frame.scale,
+                    clips: &clips,
+                },
+                sky: options.environment.map(camera).unwrap(),
+                roughness: options.roughness,
+                anisotropy: options.anisotropy,
+                albedo: SpecularAlbedo::new(options.roughness),
+                random: Random(1000 + y as u64),
+            };
+            let (mut row, mut variances) = (Vec::new(), [0.0f64; 4]);
+            for x in 0..size[0] {
+                let (mut sum, mut squares) = ([0.0f64; 4], [0.0f64; 4]);
+                for _ in 0..samples {
+                    let at = glam::DVec2::new(
+                        f64::from(x) + paths.random.next(),
+                        y as f64 + paths.random.next(),
+                    );
+                    let ray = camera.ray(at, size);
+                    let (light, opacity) =
+                        paths.trace((ray.origin - frame.origin) / frame.scale, ray.direction);
+                    let [r, g, b] = light;
+                    for (k, v) in [r, g, b, opacity].into_iter().enumerate() {
+                        sum[k] += v;
+                        squares[k] += v * v;
+                    }
+                }
+                let n = f64::from(samples);
+                for k in 0..4 {
+                    variances[k] += (squares[k] / n - (sum[k] / n).powi(2)) / n;
+                }
+                row.extend(sum.map(|s| (s / n) as f32));
+            }
+            (row, variances)
+        });
+        let pixels = f64::from(size[0] * size[1]);
+        let whole = |k: usize| rows.iter().map(|(_, v)| v[k]).sum::<f64>();
+        let errors = std::array::from_fn(|k| whole(k).sqrt() / pixels);
+        let values = rows.into_iter().flat_map(|(row, _)| row).collect();
+        let image = Image {
+            size,
+            channels: 4,
+            values,
+        };
+        (image, errors)
+    }
+}
+
+/// White, and as dense everywhere.
+fn white(extinction: f64) -> TransferFunction {
+    TransferFunction::relative(vec![[0.0, 1.0, 1.0, 1.0]], vec![[0.0, extinction]]).unwrap()
+}
+
+fn soft() -> TransferFunction {
+    TransferFunction::relative(
+        vec![
+            [0.0, 0.9, 0.4, 0.3],
+            [0.6, 0.9, 0.85, 0.5],
+            [1.0, 0.3, 0.5, 0.9],
+        ],
+        vec![[0.0, 2.0], [0.5, 6.0], [1.0, 14.0]],
+    )
+    .unwrap()
+}
+
+fn picture(
+    caster: &mut Raycaster,
+    camera: &Camera,
+    size: [u32; 2],
+    options: &PathOptions,
+) -> PathPicture {
+    caster
+        .start_paths(camera, size, (options, &[]))
+        .unwrap()
+        .finish(&no_progress)
+        .unwrap()
+}
+
+/// Root mean square difference.
+fn difference(a: &Image, b: &Image) -> f64 {
+    let n = a.values.len() as f64;
+    let sum: f64 = a
+        .values
+        .iter()
+        .zip(&b.values)
+        .map(|(x, y)| f64::from(x - y).powi(2))
+        .sum();
+    (sum / n).sqrt()
+}
+
+/// Mean of each channel.
+fn mean(image: &Image) -> [f64; 4] {
+    let n = image.values.len() as f64 / 4.0;
+    let mut sum = [0.0; 4];
+    for p in image.values.chunks_exact(4) {
+        for (s, v) in sum.iter_mut().zip(p) {
+            *s += f64::from(*v) / n;
+        }
+    }
+    sum
+}
+
+#[test]
+fn white_body_vanishes_in_white_surroundings() {
+    let gpu = Gpu::new().unwrap();
+    for (extinction, lit, roughness, anisotropy) in [
+        (8.0, true, 0.1, 0.0),
+        (8.0, true, 0.5, 0.5),
+        (8.0, true, 1.0, 0.0),
+        (4.0, false, 0.4, -0.4),
+    ] {
+        let body = Body {
+            lit,
+            ..Body::new("ball", 300, |s| s.x, white(extinction))
+        };
+        let options = PathOptions {
+            samples: 64,
+            environment: Environment::White,
+            roughness,
+            anisotropy,
+            ..PathOptions::default()
+        };
+        let camera = Camera::fit_mesh_in(&body.mesh, [32, 32]);
+        let found = picture(&mut body.caster(&gpu), &camera, [32, 32], &options);
+        assert_eq!(found.lost(), 0);
+        let [r, _, _, opacity] = mean(found.linear());
+        // Light of 1 wherever there is a body; the noise of the mean is 0.1 %.
+        assert!(
+            (r / opacity - 1.0).abs() < 0.005,
+            "roughness {roughness}: {}",
+            r / opacity
+        );
+        assert!(opacity > 0.3);
+    }
+}
+
+#[test]
+fn opacity_of_slab_is_that_of_beer() {
+    let gpu = Gpu::new().unwrap();
+    let body = Body {
+        lit: false,
+        ..Body::new("box", 100, |_| 0.5, white(1.3))
+    };
+    let (low, high) = body.mesh.bounds();
+    let middle = 0.5 * (low + high);
+    let height = 0.2 * (high.y - low.y);
+    let camera = Camera::orthographic(
+        middle + DVec3::Z * 5.0 * (high.z - low.z),
+        middle,
+        DVec3::Y,
+        height,
+    );
+    let options = PathOptions {
+        samples: 64,
+        ..PathOptions::default()
+    };
+    let found = picture(&mut body.caster(&gpu), &camera, [64, 64], &options);
+    let frame = LocalFrame::from_mesh(&body.mesh);
+    let depth = 1.3 * (high.z - low.z) / frame.scale;
+    let expected = 1.0 - (-depth).exp();
+    let opacity = mean(found.linear())[3];
+    let sigma = (expected * (1.0 - expected) / (64.0 * 4096.0)).sqrt();
+    assert!(
+        (opacity - expected).abs() < 5.0 * sigma,
+        "{opacity} for {expected}"
+    );
+}
+
+/// Size of the compared pictures.
+const SIZE: [u32; 2] = [20, 20];
+/// Samples per pixel in float64.
+const REFERENCE_SAMPLES: u32 = 256;
+
+/// Compares with float64 paths: means of the picture, and the difference of pixels with few and with
+/// many samples.
+fn compare(body: &Body, camera: &Camera, options: &PathOptions) -> [f64; 2] {
+    let gpu = Gpu::new().unwrap();
+    let mut caster = body.caster(&gpu);
+    let (truth, errors) = body.reference(camera, SIZE, options, REFERENCE_SAMPLES);
+    [16, 256].map(|samples| {
+        let options = PathOptions {
+            samples,
+            ..options.clone()
+        };
+        let found = picture(&mut caster, camera, SIZE, &options);
+        assert_eq!(found.lost(), 0);
+        let (a, b) = (mean(found.linear()), mean(&truth));
+        // The shader's paths, which test directions to the light, have less noise than these.
+        let more = 1.0 + f64::from(REFERENCE_SAMPLES) / f64::from(samples);
+        for k in 0..4 {
+            let limit = 4.5 * errors[k] * more.sqrt();
+            assert!(errors[k] < 0.02 * b[k], "{errors:?} of {b:?}");
+            assert!(
+                (a[k] - b[k]).abs() < limit,
+                "{samples} samples, channel {k}: {a:?} for {b:?} ± {errors:?}"
+            );
+        }
+        difference(found.linear(), &truth)
+    })
+}
+
+#[test]
+fn paths_match_float64_paths_at_rest_bent_cut_and_from_inside() {
+    let options = PathOptions {
+        environment: Environment::Studio,
+        anisotropy: 0.4,
+        ..PathOptions::default()
+    };
+    let rest = Body::new("ball", 40, |s| s.x, soft());
+    let camera = Camera::fit_mesh_in(&rest.mesh, SIZE);
+    let [few, many] = compare(&rest, &camera, &options);
+    // The noise of the pixels falls as 1/√n, to that of the reference.
+    assert!(many < 0.75 * few, "{few} then {many}");
+    let bent = Body::new("bar", 60, |s| s.y, soft()).bent();
+    let camera = Camera::fit_mesh_in(&bent.mesh, SIZE);
+    compare(&bent, &camera, &options);
+    let (low, high) = rest.mesh.bounds();
+    let middle = 0.5 * (low + high);
+    let cut = Body {
+        clips: vec![Plane {
+            point: middle,
+            normal: DVec3::new(0.3, 0.2, 1.0),
+            at_rest: false,
+            kind: PlaneKind::Clip,
+        }],
+        ..Body::new("ball", 40, |s| s.x, soft())
+    };
+    let from_front = Camera::perspective(
+        middle + DVec3::new(0.4, 0.3, 3.0) * (high.z - low.z),
+        middle,
+        DVec3::Y,
+        30.0,
+    );
+    compare(&cut, &from_front, &options);
+    let even = PathOptions {
+        environment: Environment::White,
+        ..options.clone()
+    };
+    let inside = Camera::perspective(middle + 0.1 * (high - low), low, DVec3::Y, 60.0);
+    compare(&rest, &inside, &even);
+    // A wrong medium must show.
+    let wrong = Body {
+        transfer: white(6.0),
+        ..Body::new("ball", 40, |s| s.x, soft())
+    };
+    let camera = Camera::fit_mesh_in(&rest.mesh, SIZE);
+    let gpu = Gpu::new().unwrap();
+    let few = PathOptions {
+        samples: 64,
+        ..options
+    };
+    let found = picture(&mut wrong.caster(&gpu), &camera, SIZE, &few);
+    let (truth, errors) = rest.reference(&camera, SIZE, &few, 64);
+    let (a, b) = (mean(found.linear()), mean(&truth));
+    assert!((a[2] - b[2]).abs() > 10.0 * errors[2], "{a:?} for {b:?}");
+}
+
+#[test]
+fn same_seed_gives_the_same_picture_and_noise_ends_early() {
+    let gpu = Gpu::new().unwrap();
+    let body = Body::new("ball", 40, |s| s.x, soft());
+    let camera = Camera::fit_mesh_in(&body.mesh, [40, 30]);
+    let mut caster = body.caster(&gpu);
+    let options = PathOptions {
+        samples: 4,
+        ..PathOptions::default()
+    };
+    let [a, b] = [0; 2].map(|_| {
+        picture(&mut caster, &camera, [40, 30], &options)
+            .linear()
+            .clone()
+    });
+    assert_eq!(a, b);
+    let other = picture(
+        &mut caster,
+        &camera,
+        [40, 30],
+        &PathOptions {
+            seed: 1,
+            ..options.clone()
+        },
+    );
+    assert_ne!(&a, other.linear());
+    let noisy = PathOptions {
+        samples: 4096,
+        noise: Some(0.05),
+        ..PathOptions::default()
+    };
+    let found = picture(&mut caster, &camera, [40, 30], &noisy);
+    assert!(
+        found.samples() < 4096 && found.noise() <= 0.05,
+        "{} {}",
+        found.samples(),
+        found.noise()
+    );
+}
+
+#[test]
+fn filter_takes_noise_away() {
+    let gpu = Gpu::new().unwrap();
+    let body = Body::new("ball", 500, |s| s.x, white(40.0));
+    let camera = Camera::fit_mesh_in(&body.mesh, [64, 64]);
+    let mut caster = body.caster(&gpu);
+    let truth = picture(
+        &mut caster,
+        &camera,
+        [64, 64],
+        &PathOptions {
+            samples: 512,
+            ..PathOptions::default()
+        },
+    );
+    let few = PathOptions {
+        samples: 8,
+        seed: 7,
+        ..PathOptions::default()
+    };
+    let noisy = picture(&mut caster, &camera, [64, 64], &few);
+    let mut filtered = caster.start_paths(&camera, [64, 64], (&few, &[])).unwrap();
+    filtered
+        .filter_by(caster.picture(&camera, [64, 64]).unwrap())
+        .unwrap();
+    let clean = filtered.finish(&no_progress).unwrap();
+    let [before, after] = [&noisy, &clean].map(|p| difference(p.linear(), truth.linear()));
+    assert!(after < 0.5 * before, "{before} to {after}");
+}
+
+#[test]
+fn values_out_of_range_and_unsupported_content_are_refused() {
+    let gpu = Gpu::new().unwrap();
+    let body = Body::new("ball", 60, |s| s.x, soft());
+    let camera = Camera::fit_mesh(&body.mesh);
+    let mut caster = body.caster(&gpu);
+    let mut error = |options: PathOptions| {
+        caster
+            .start_paths(&camera, [8, 8], (&options, &[]))
+            .err()
+            .unwrap()
+            .to_string()
+    };
+    assert!(
+        error(PathOptions {
+            roughness: 0.0,
+            ..PathOptions::default()
+        })
+        .contains("roughness")
+    );
+    assert!(
+        error(PathOptions {
+            samples: 0,
+            ..PathOptions::default()
+        })
+        .contains("samples")
+    );
+    assert!(
+        error(PathOptions {
+            environment: Environment::File("no.hdr".into()),
+            ..PathOptions::default()
+        })
+        .contains("no.hdr")
+    );
+    caster
+        .set_sections(&Sections {
+            planes: vec![Plane {
+                point: DVec3::ZERO,
+                normal: DVec3::Z,
+                at_rest: false,
+                kind: PlaneKind::Slice(1.0),
+            }],
+            ..Sections::default()
+        })
+        .unwrap();
+    let message = caster
+        .start_paths(&camera, [8, 8], (&PathOptions::default(), &[]))
+        .err()
+        .unwrap()
+        .to_string();
+    assert!(message.contains("slices"), "{message}");
+}
+
+#[test]
+fn walls_hide_the_body_by_their_opacity() {
+    let gpu = Gpu::new().unwrap();
+    let body = Body::new("ball", 40, |s| s.x, soft());
+    let (low, high) = body.mesh.bounds();
+    let middle = 0.5 * (low + high);
+    let camera = Camera::orthographic(
+        middle + 5.0 * (high - low).z * DVec3::Z,
+        middle,
+        DVec3::Y,
+        2.0 * (high.y - low.y),
+    );
+    let mut caster = body.caster(&gpu);
+    let frame = LocalFrame::from_mesh(&body.mesh);
+    // A square before the body, wider than the picture, which faces the camera.
+    let corner =
+        |x: f64, y: f64| frame.to_local(middle + (high - low) * DVec3::new(4.0 * x, 4.0 * y, 1.0));
+    let wall = |corners: [glam::Vec3; 3], opacity: f32| Wall {
+        corners,
+        normals: [glam::Vec3::Z; 3],
+        colours: [glam::Vec3::ONE; 3],
+        opacity,
+    };
+    let options = PathOptions {
+        samples: 64,
+        environment: Environment::White,
+        ..PathOptions::default()
+    };
+    // The ball takes a fifth of the picture.
+    let bare = picture(&mut caster, &camera, SIZE, &options);
+    let [.., behind] = mean(bare.linear());
+    let mut seen = |opacity: f32| {
+        let [a, b, c, d] = [
+            corner(-1.0, -1.0),
+            corner(1.0, -1.0),
+            corner(1.0, 1.0),
+            corner(-1.0, 1.0),
+        ];
+        let walls = [wall([a, b, c], opacity), wall([a, c, d], opacity)];
+        let found = caster
+            .start_paths(&camera, SIZE, (&options, &walls))
+            .unwrap()
+            .finish(&no_progress)
+            .unwrap();
+        mean(found.linear())
+    };
+    let [light, _, _, opacity] = seen(1.0);
+    assert!((opacity - 1.0).abs() < 1e-9);
+    assert!((light - 1.0).abs() < 0.01, "{light}");
+    let [.., half] = seen(0.5);
+    assert!(
+        (half - (0.5 + 0.5 * behind)).abs() < 0.02,
+        "{half} with {behind} behind"
+    );
+}
