@@ -104,11 +104,8 @@ impl ReferencePaths<'_> {
         let (mut x, mut d) = (origin, way);
         let mut weight = [1.0; 3];
         let mut events = 0;
-        loop {
-            // To the box around the body, then by free flights until beyond it.
-            let Some(start) = enter_box(x, d, low, high) else {
-                break;
-            };
+        // To the box around the body, then by free flights until beyond it.
+        while let Some(start) = enter_box(x, d, low, high) {
             x += start * d;
             let mut hit = None;
             while hit.is_none() {
