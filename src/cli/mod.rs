@@ -19,8 +19,10 @@ mod presets;
 mod press;
 mod press_map;
 mod progress;
+pub mod reference_pages;
 mod refinement;
 mod render;
+pub mod schema;
 mod shell;
 mod simulate;
 #[cfg(feature = "study")]
@@ -90,6 +92,8 @@ enum Command {
     Presets(presets::PresetsArguments),
     /// List the graphics adapters, best first
     Adapters(adapters::AdaptersArguments),
+    /// Print the JSON Schema of scene files, for completion and errors in editors
+    Schema(schema::SchemaArguments),
     /// Print the completion script of a shell
     Completions(shell::CompletionsArguments),
     /// Write a manual page for each command
@@ -171,6 +175,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Warp(arguments) => warp::run(adapter, arguments),
         Command::Presets(arguments) => presets::run(arguments),
         Command::Adapters(arguments) => adapters::run(adapter, arguments),
+        Command::Schema(arguments) => schema::run(arguments),
         Command::Completions(arguments) => shell::completions(arguments),
         Command::Man(arguments) => shell::man(arguments),
     }

@@ -1,9 +1,9 @@
 //! The `[cage]` entry: a coarse body that is simulated in place of the mesh embedded in it.
 
-#[cfg(feature = "cli")]
-use super::schema;
 use super::Scene;
 use super::default_load::ChosenSupport;
+#[cfg(feature = "cli")]
+use super::schema;
 use super::simulator::{SimulatorSetup, choose_step, stable_damping};
 use super::time_dependent_loads::TimeDependentLoads;
 use crate::cage::{Cage, CageKind, EmbeddedSimulator};

@@ -1,8 +1,8 @@
 //! Regions: groups of nodes selected by position or by label.
 
+use super::keywords::{check_fraction, fraction};
 #[cfg(feature = "cli")]
 use super::schema;
-use super::keywords::{check_fraction, fraction};
 use crate::mesh::{Location, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;

@@ -213,14 +213,20 @@ mod tests {
     #[test]
     fn rust_links_become_plain_words() {
         let text = "as [`Muscle`](crate::physics::Muscle), in [0, 1], of [`Axes`] (see it)";
-        assert_eq!(without_links(text), "as `Muscle`, in [0, 1], of `Axes` (see it)");
+        assert_eq!(
+            without_links(text),
+            "as `Muscle`, in [0, 1], of `Axes` (see it)"
+        );
     }
 
     #[test]
     fn every_key_of_a_scene_is_described_once() {
         let schema = Scene::schema();
         let tables = schema["definitions"].as_object();
-        let tables = tables.into_iter().flatten().map(|(name, table)| (name.as_str(), table));
+        let tables = tables
+            .into_iter()
+            .flatten()
+            .map(|(name, table)| (name.as_str(), table));
         let mut keys = 0;
         for (name, table) in tables.chain([("Scene", &schema)]) {
             for (key, entry) in table["properties"].as_object().into_iter().flatten() {

@@ -1,13 +1,13 @@
 //! Entries of the bodies of a scene: the mesh, the particle grid and `[[body]]`.
 
-#[cfg(feature = "cli")]
-use crate::scene::schema;
 use super::ForceEntry;
 use crate::mesh::{AnatomicalFrame, Length};
 use crate::mesher::ThresholdRange;
 use crate::physics::EngineChoice;
 use crate::scene::LabelOrName;
 use crate::scene::keywords;
+#[cfg(feature = "cli")]
+use crate::scene::schema;
 use crate::scene::{CageEntry, MaterialEntry, Region};
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer};

@@ -1,11 +1,11 @@
 //! Entries of forces, the floor, grabs, cuts and embedded surfaces (skins).
 
-#[cfg(feature = "cli")]
-use crate::scene::schema;
 use super::body::present_list;
 use crate::mesh::{AnatomicalFrame, TriMesh};
 use crate::mesher::ThresholdRange;
 use crate::scene::keywords;
+#[cfg(feature = "cli")]
+use crate::scene::schema;
 use crate::scene::{Preloaded, Region};
 use crate::skin::Mapping;
 use serde::Deserialize;

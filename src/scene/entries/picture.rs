@@ -1,10 +1,10 @@
 //! Entries of the camera, the lighting, X-rays and the picture.
 
-#[cfg(feature = "cli")]
-use crate::scene::schema;
 use crate::annotate::Axes;
 use crate::render::Light;
 use crate::scene::keywords;
+#[cfg(feature = "cli")]
+use crate::scene::schema;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 

@@ -1,9 +1,9 @@
 //! Entries of scans embedded in the body.
 
-#[cfg(feature = "cli")]
-use crate::scene::schema;
 use crate::scene::Preloaded;
 use crate::scene::keywords;
+#[cfg(feature = "cli")]
+use crate::scene::schema;
 use crate::volume::Volume;
 use serde::de::{Error as _, MapAccess, SeqAccess, Visitor, value};
 use serde::{Deserialize, Deserializer};

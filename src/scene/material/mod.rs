@@ -4,8 +4,6 @@ mod deserialize;
 #[cfg(feature = "identify")]
 mod tissue_values;
 
-#[cfg(feature = "cli")]
-use crate::scene::schema;
 use super::element_order::OrderChoice;
 use super::keywords::{DAMPING_KINDS, unknown_keyword_error};
 use super::region::LabelOrName;
@@ -13,6 +11,8 @@ use crate::mesh::{Location, TetMesh};
 use crate::physics::{
     Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumetricFormulation,
 };
+#[cfg(feature = "cli")]
+use crate::scene::schema;
 use crate::{Error, Result};
 use serde::Deserialize;
 use std::collections::BTreeMap;
