@@ -45,7 +45,7 @@ pub struct MaterialEntry {
     #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "Pa", "default" = 30_000.0, "exclusiveMinimum" = 0.0, "examples" = [2e4])))]
     pub young: Option<f64>,
     /// Poisson's ratio, for finite elements.
-    #[cfg_attr(feature = "cli", schemars(extend("default" = 0.4, "exclusiveMinimum" = -1.0, "exclusiveMaximum" = 0.5, "examples" = [0.45])))]
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 0.4, "minimum" = 0.0, "maximum" = 0.499, "examples" = [0.45])))]
     pub poisson: Option<f64>,
     /// Volumetric formulation of finite elements: `per-tet`, or `averaged`, which avoids volumetric
     /// locking as ν approaches ½.
@@ -114,7 +114,7 @@ pub(crate) struct TissueTable {
     #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "Pa", "exclusiveMinimum" = 0.0, "examples" = [1e6])))]
     pub young: Option<f64>,
     /// Poisson's ratio, for finite elements.
-    #[cfg_attr(feature = "cli", schemars(extend("exclusiveMinimum" = -1.0, "exclusiveMaximum" = 0.5, "examples" = [0.45])))]
+    #[cfg_attr(feature = "cli", schemars(extend("minimum" = 0.0, "maximum" = 0.499, "examples" = [0.45])))]
     pub poisson: Option<f64>,
     /// Density in kg/m³.
     #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "kg/m³", "exclusiveMinimum" = 0.0, "examples" = [1200.0])))]
