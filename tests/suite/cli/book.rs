@@ -90,7 +90,10 @@ fn shipped_scenes_name_their_schema() {
     assert!(scenes.len() > 30, "{} scenes", scenes.len());
     for scene in scenes {
         let text = read_to_string(&scene).unwrap();
-        let schema = text.lines().next().and_then(|line| line.strip_prefix("#:schema "));
+        let schema = text
+            .lines()
+            .next()
+            .and_then(|line| line.strip_prefix("#:schema "));
         let schema = schema.unwrap_or_else(|| panic!("{}: no #:schema", scene.display()));
         let schema = scene.parent().unwrap().join(schema);
         assert!(schema.is_file(), "{}", schema.display());
@@ -106,7 +109,9 @@ fn rust_of_tutorials_stands_in_examples() {
         let Some(example) = text.split("](../../examples/").nth(1) else {
             continue;
         };
-        let example = root().join("examples").join(example.split(')').next().unwrap());
+        let example = root()
+            .join("examples")
+            .join(example.split(')').next().unwrap());
         let source = read_to_string(&example).unwrap();
         let source: Vec<&str> = source.lines().collect();
         for block in text.split("```rust\n").skip(1) {
@@ -124,37 +129,75 @@ fn rust_of_tutorials_stands_in_examples() {
 fn columns_of_tables_are_those_of_the_code() {
     let page = read_to_string(root().join("docs/reference/tables.md")).unwrap();
     for (file, first) in [
-        ("src/cli/press.rs", "time_s,phase,depth_m,force_n,force_error_n"),
+        (
+            "src/cli/press.rs",
+            "time_s,phase,depth_m,force_n,force_error_n",
+        ),
         ("src/cli/press_map.rs", "x,y,z,stiffness,error"),
         ("src/cli/press_map.rs", "x,y,z,stiffness"),
-        ("src/scene/reactions.rs", "time_s,name,fx,fy,fz,mx,my,mz,force_error_n"),
+        (
+            "src/scene/reactions.rs",
+            "time_s,name,fx,fy,fz,mx,my,mz,force_error_n",
+        ),
+        (
+            "src/cli/identify/files.rs",
+            "experiment,quantity,x,y,z,depth_m,measured,predicted,residual",
+        ),
         ("src/scene/trajectory.rs", "time_s,x,y,z"),
     ] {
         let source = read_to_string(root().join(file)).unwrap();
         let ends = [format!("\"{first}\""), format!("\"{first}\\n\"")];
-        assert!(ends.iter().any(|end| source.contains(end)), "{file}: {first}");
+        assert!(
+            ends.iter().any(|end| source.contains(end)),
+            "{file}: {first}"
+        );
         assert!(page.contains(&format!("`{first}`")), "tables.md: {first}");
         for column in first.split(',') {
             assert!(page.contains(&format!("`{column}`")), "tables.md: {column}");
         }
     }
-    // Columns of other tables, which the code lists one by one.
-    for (file, start) in [
-        ("src/bench/report.rs", "const COLUMNS: [&str;"),
-        ("src/identify/report.rs", "pub struct Residual {"),
-    ] {
+    // Columns that the code lists one by one.
+    for (file, start) in [("src/bench/report.rs", "const COLUMNS: [&str;")] {
         let source = read_to_string(root().join(file)).unwrap();
-        let block = source.split(start).nth(1).unwrap_or_else(|| panic!("{file}: {start}"));
-        let end = block.find("\n];").or_else(|| block.find("\n}")).unwrap();
-        let names = block[..end].lines().filter_map(|line| {
-            let line = line.trim();
-            let quoted = line.strip_prefix('"').and_then(|l| l.split('"').next());
-            quoted.or_else(|| line.strip_prefix("pub ")?.split(':').next())
-        });
+        let block = source
+            .split(start)
+            .nth(1)
+            .unwrap_or_else(|| panic!("{file}: {start}"));
+        let end = block.find("\n];").unwrap();
+        let names = block[..end]
+            .lines()
+            .filter_map(|line| line.split('"').nth(1));
         let names: Vec<&str> = names.collect();
         assert!(names.len() > 3, "{file}");
         for name in names {
-            assert!(page.contains(&format!("`{name}`")), "tables.md: {name} of {file}");
+            assert!(
+                page.contains(&format!("`{name}`")),
+                "tables.md: {name} of {file}"
+            );
         }
     }
+}
+
+/// Quoted messages in the page of troubleshooting are those of the code; `…` stands for anything.
+#[test]
+fn troubleshooting_quotes_messages_of_the_code() {
+    let mut code = String::new();
+    for file in files(&root().join("src"), ".rs") {
+        code += &read_to_string(&file).unwrap();
+    }
+    // Long messages go on in the next line.
+    let lines: Vec<&str> = code.split("\\\n").map(str::trim_start).collect();
+    let code = lines.concat().replace("\\\"", "\"");
+    let page = read_to_string(root().join("docs/how-to/troubleshooting.md")).unwrap();
+    let mut compared = 0;
+    for line in page.lines().filter(|line| line.starts_with("**")) {
+        let message = line.split("**").nth(1).unwrap();
+        for quoted in message.split('"').skip(1).step_by(2) {
+            for part in quoted.split('…').map(str::trim) {
+                assert!(code.contains(part), "no message of the code has: {part}");
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared > 20, "{compared} quotes");
 }

@@ -1,12 +1,17 @@
 //! The keys of JSON reports, from the types that are written, as pages of the reference.
 
 use super::book::check_page;
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::fs::read_to_string;
 use std::path::Path;
 
 /// A page: its title, what writes the report, and the types in it, each with its file.
-type Page = (&'static str, &'static str, &'static str, &'static [(&'static str, &'static str)]);
+type Page = (
+    &'static str,
+    &'static str,
+    &'static str,
+    &'static [(&'static str, &'static str)],
+);
 
 const PAGES: &[Page] = &[
     (
@@ -136,10 +141,53 @@ const SMALL: &[(&str, &str, &[(&str, &str)])] = &[
         &[("frames", "number of frames")],
     ),
     (
+        "convert",
+        "src/cli/convert.rs",
+        &[
+            ("output", "the file"),
+            ("nodes", "number of nodes of a mesh"),
+            ("tets", "number of tets of a mesh"),
+            ("pieces", "number of pieces, or null"),
+            ("vertices", "number of vertices of a surface"),
+            ("triangles", "number of triangles of a surface"),
+            ("notes", "data that the format cannot store"),
+        ],
+    ),
+    (
+        "warp",
+        "src/cli/warp.rs",
+        &[
+            ("tets", "number of tets"),
+            ("inverted", "number of inverted tets in the bent mesh"),
+            ("bent", "voxel counts of the grid in the bent body, or null"),
+            (
+                "rest",
+                "voxel counts of the grid in the body at rest, or null",
+            ),
+            ("voxels", "number of voxels of the grid"),
+            ("uncovered", "voxels outside of all tets"),
+            ("overlapping", "voxels inside of more than one tet"),
+            ("beyond", "voxels whose place is outside of the scan"),
+        ],
+    ),
+    (
+        "study",
+        "src/cli/study.rs",
+        &[
+            ("study", "the study"),
+            ("adapter", "the graphics adapter"),
+            ("ended_early", "whether it was interrupted"),
+            ("files", "files in its folder"),
+        ],
+    ),
+    (
         "tune",
         "src/cli/tune.rs",
         &[
-            ("met", "whether the error is met: of all, and of each choice"),
+            (
+                "met",
+                "whether the error is met: of all, and of each choice",
+            ),
             ("motion", "choice for the motion, or null without a solver"),
             ("picture", "choice for the picture"),
             ("notes", "notes"),
@@ -181,7 +229,9 @@ const SMALL: &[(&str, &str, &[(&str, &str)])] = &[
 /// Keys of a struct with their meanings and types, as serde writes them.
 fn keys(source: &str, name: &str) -> Vec<(String, String, String)> {
     let head = format!("struct {name} {{");
-    let start = source.find(&head).unwrap_or_else(|| panic!("no struct {name}"));
+    let start = source
+        .find(&head)
+        .unwrap_or_else(|| panic!("no struct {name}"));
     let mut found = Vec::new();
     let (mut doc, mut attributes) = (String::new(), String::new());
     for line in source[start + head.len()..].lines().skip(1) {
@@ -210,6 +260,21 @@ fn keys(source: &str, name: &str) -> Vec<(String, String, String)> {
     panic!("struct {name} has no end");
 }
 
+/// The keys of the object that this source begins with.
+fn json_keys(source: &str) -> Vec<&str> {
+    let mut depth = 1;
+    let closes = |c: char| {
+        depth += i32::from("({[".contains(c)) - i32::from(")}]".contains(c));
+        depth == 0
+    };
+    let end = source.find(closes).unwrap_or(source.len());
+    let quoted: Vec<&str> = source[..end].split('"').collect();
+    let keys = quoted.windows(2).skip(1).step_by(2);
+    keys.filter(|pair| pair[1].starts_with(':'))
+        .map(|pair| pair[0])
+        .collect()
+}
+
 /// A Rust type in the words of JSON.
 fn kind(rust: &str) -> String {
     let rust = rust.trim();
@@ -232,19 +297,26 @@ fn kind(rust: &str) -> String {
         "bool" => "true or false".to_owned(),
         "String" | "&'static str" | "PathBuf" => "text".to_owned(),
         "DVec3" => "3 of number".to_owned(),
-        other => format!("{}", other.replace("pub ", "")),
+        other => other.to_owned(),
     }
 }
 
 /// Doc comments without the links and code of Rust.
 fn plain(doc: &str) -> String {
-    let mut text = doc.replace("[`", "`").replace("`]", "`").replace('|', "\\|");
-    while let (Some(start), true) = (text.find("](crate"), true) {
-        let end = text[start..].find(')').map_or(text.len(), |end| start + end + 1);
+    let mut text = doc
+        .replace("[`", "`")
+        .replace("`]", "`")
+        .replace('|', "\\|");
+    while let Some(start) = text.find("](crate") {
+        let end = text[start..]
+            .find(')')
+            .map_or(text.len(), |end| start + end + 1);
         text.replace_range(start..end, "");
     }
     while let Some(start) = text.find("`(crate") {
-        let end = text[start..].find(')').map_or(text.len(), |end| start + end + 1);
+        let end = text[start..]
+            .find(')')
+            .map_or(text.len(), |end| start + end + 1);
         text.replace_range(start + 1..end, "");
     }
     text.replace('<', "&lt;")
@@ -281,14 +353,8 @@ fn report_pages_agree_with_the_code() {
     index += "\n## Small reports\n";
     for (command, file, meanings) in SMALL {
         let source = read(file);
-        let written: BTreeMap<&str, ()> = source
-            .split("json!(")
-            .skip(1)
-            .flat_map(|block| block.split(");").next().unwrap().split('"').skip(1).step_by(2))
-            .filter(|key| !key.contains(' '))
-            .map(|key| (key, ()))
-            .collect();
-        let known: BTreeMap<&str, ()> = meanings.iter().map(|(key, _)| (*key, ())).collect();
+        let written: BTreeSet<&str> = source.split("json!(").skip(1).flat_map(json_keys).collect();
+        let known: BTreeSet<&str> = meanings.iter().map(|(key, _)| *key).collect();
         assert_eq!(written, known, "keys of {command} in {file}");
         index += &format!("\n### palpate {command}\n\n| key | meaning |\n| --- | --- |\n");
         for (key, meaning) in *meanings {
@@ -302,7 +368,10 @@ fn report_pages_agree_with_the_code() {
 fn keys_of_a_struct_are_those_that_serde_writes() {
     let source = "/// A.\npub struct A {\n    /// One,\n    /// in m.\n    pub one: Option<f64>,\n    #[serde(skip)]\n    two: u8,\n    #[serde(rename = \"drei\")]\n    three: Vec<[f64; 3]>,\n}\n";
     let found = keys(source, "A");
-    let expected = [("one", "One, in m.", "Option<f64>"), ("drei", "", "Vec<[f64; 3]>")];
+    let expected = [
+        ("one", "One, in m.", "Option<f64>"),
+        ("drei", "", "Vec<[f64; 3]>"),
+    ];
     let expected = expected.map(|(a, b, c)| (a.to_owned(), b.to_owned(), c.to_owned()));
     assert_eq!(found, expected);
     assert_eq!(kind("Vec<[f64; 3]>"), "list of 3 of number");

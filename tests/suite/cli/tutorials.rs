@@ -73,7 +73,12 @@ fn run_page(page: &str) {
                 let errors = String::from_utf8_lossy(&done.stderr);
                 let code = done.status.code();
                 let expected = Some(i32::from(fails));
-                assert_eq!(code, expected, "{page}: palpate {}\n{errors}", arguments.join(" "));
+                assert_eq!(
+                    code,
+                    expected,
+                    "{page}: palpate {}\n{errors}",
+                    arguments.join(" ")
+                );
                 commands += 1;
             }
         }
