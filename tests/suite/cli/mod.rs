@@ -3,6 +3,7 @@
 mod bake;
 mod bench;
 mod book;
+mod capabilities;
 /// The program's flags module.
 #[allow(dead_code)]
 #[path = "../../../src/cli/mod.rs"]
