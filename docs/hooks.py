@@ -1,7 +1,7 @@
 """Hooks of MkDocs: folders in the navigation, and files of the project beside the book.
 
 Links of pages to files outside of docs/ (scenes, examples, ARCHITECTURE.md) work in a checkout. The
-site gets copies of these files under files/; a link to a file that does not exist is an error.
+site gets copies of these files, and lists of folders, under files/; a link to a file that does not exist is an error.
 """
 
 import posixpath
@@ -57,11 +57,15 @@ def on_files(files, config):
             if path:
                 wanted.add((path, page.src_uri))
     for path, source in sorted(wanted):
-        if not (ROOT / path).is_file():
-            raise PluginError(f"{source} links to {path}, which is no file of the project")
-        if not any(file.src_uri == name(path) for file in files):
+        if any(file.src_uri == name(path) for file in files):
+            continue
+        if (ROOT / path).is_dir():
+            content = "\n".join(sorted(file.name for file in (ROOT / path).iterdir()))
+        elif (ROOT / path).is_file():
             content = (ROOT / path).read_bytes()
-            files.append(File.generated(config, name(path), content=content))
+        else:
+            raise PluginError(f"{source} links to {path}, which is no file of the project")
+        files.append(File.generated(config, name(path), content=content))
     return files
 
 
