@@ -1,8 +1,10 @@
 //! The pages of the book that follow from the code: tables of scene files, and commands.
 
+mod bodies;
 mod commands;
 mod scenes;
 
+pub use bodies::of_bodies;
 pub use commands::of_commands;
 pub use scenes::of_scenes;
 

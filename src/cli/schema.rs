@@ -42,6 +42,7 @@ pub fn files() -> anyhow::Result<Vec<(String, String)>> {
     let mut files = vec![("scene.schema.json".to_owned(), text)];
     files.extend(reference_pages::of_scenes(&schema));
     files.extend(reference_pages::of_commands(&command()));
+    files.push(reference_pages::of_bodies());
     Ok(files)
 }
 
