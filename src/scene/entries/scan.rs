@@ -15,7 +15,7 @@ use std::path::PathBuf;
 /// the unit of the mesh is not the millimetre.
 ///
 /// ```toml
-/// [scan]                  # or [[scan]], for several: isosurfaces, slices and projections
+/// [[scan]]                # or one table [scan]; of several, isosurfaces, slices and projections
 /// file = "ct.nrrd"        # use the first one
 /// transfer = "bone"       # a preset, a JSON file or the JSON itself
 /// range = [-200, 1500]    # default: the range of the values

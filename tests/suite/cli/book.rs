@@ -201,3 +201,26 @@ fn troubleshooting_quotes_messages_of_the_code() {
     }
     assert!(compared > 20, "{compared} quotes");
 }
+
+/// Blocks of TOML are scenes, or parts of one.
+#[test]
+fn scenes_in_pages_parse() {
+    let mut parsed = 0;
+    for page in files(&root().join("docs"), ".md") {
+        let text = read_to_string(&page).unwrap();
+        for block in text.split("\n```toml\n").skip(1) {
+            let block = block.split("\n```").next().unwrap();
+            // Manifests, and recordings of `palpate identify`.
+            let others = ["[dependencies]", "takes = ", "[displacements]"];
+            if others.iter().any(|other| block.contains(other)) {
+                continue;
+            }
+            if let Err(error) = palpate::scene::Scene::parse(block) {
+                panic!("{}: {error}\n{block}", page.display());
+            }
+            parsed += 1;
+        }
+    }
+    assert!(parsed > 30, "{parsed} blocks");
+    assert!(palpate::scene::Scene::parse("[[pin]]\ninside = 1\n").is_err());
+}
