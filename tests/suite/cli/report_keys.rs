@@ -38,6 +38,7 @@ const PAGES: &[Page] = &[
             ("PressReport", "src/press/curve.rs"),
             ("PressConditions", "src/press/curve.rs"),
             ("Bed", "src/press/curve.rs"),
+            ("PressError", "src/press/error.rs"),
             ("ErrorParts", "src/accuracy/mod.rs"),
             ("Round", "src/accuracy/refinement.rs"),
         ],
@@ -304,6 +305,7 @@ fn kind(rust: &str) -> String {
 /// Doc comments without the links and code of Rust.
 fn plain(doc: &str) -> String {
     let mut text = doc
+        .replace("`None`", "null")
         .replace("[`", "`")
         .replace("`]", "`")
         .replace('|', "\\|");
