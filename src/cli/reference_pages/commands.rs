@@ -39,7 +39,7 @@ fn about(command: &Command) -> String {
         .unwrap_or_default()
 }
 
-fn arguments<'a>(command: &'a Command, wanted: impl Fn(&Arg) -> bool) -> Vec<&'a Arg> {
+fn arguments(command: &Command, wanted: impl Fn(&Arg) -> bool) -> Vec<&Arg> {
     let ours = |arg: &&Arg| {
         let own = !["help", "version"].contains(&arg.get_id().as_str());
         own && !arg.is_hide_set() && wanted(arg)
