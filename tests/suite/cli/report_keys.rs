@@ -110,8 +110,14 @@ const PAGES: &[Page] = &[
     ),
 ];
 
-/// Reports that a command puts together by itself: command, file, keys and their meanings.
-const SMALL: &[(&str, &str, &[(&str, &str)])] = &[
+/// A report that a command puts together by itself: command, file, keys and their meanings.
+type SmallReport = (
+    &'static str,
+    &'static str,
+    &'static [(&'static str, &'static str)],
+);
+
+const SMALL: &[SmallReport] = &[
     (
         "simulate",
         "src/cli/simulate.rs",
