@@ -1,4 +1,4 @@
-"""Frames of a body moved by this program, rendered by Palpate (docs/frames.md has the layout):
+"""Frames of a body moved by this program, rendered by Palpate (docs/how-to/frames.md has the layout):
 
     python3 examples/frames.py | palpate render - --frames-from - --out frame.png --film frames.gif
 """

@@ -1,4 +1,4 @@
-"""MuJoCo drops a soft block on a ball, and Palpate renders its interior (docs/frames.md has the layout):
+"""MuJoCo drops a soft block on a ball, and Palpate renders its interior (docs/how-to/frames.md has the layout):
 
     pip install mujoco
     python3 examples/mujoco_frames.py |

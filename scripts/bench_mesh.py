@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Benchmarks palpate mesh against TetGen and gmsh on one closed surface, for docs/performance.md.
+"""Benchmarks palpate mesh against TetGen and gmsh on one closed surface, for docs/performance/meshing-presses-cuts.md.
 
     python3 scripts/bench_mesh.py SURFACE.stl [RUNS] [PALPATE]
 

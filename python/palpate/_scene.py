@@ -25,7 +25,7 @@ _SCENE = ".toml"
 
 @dataclass(frozen=True)
 class Material:
-    """Material of a body, in SI units; see the guide for the defaults.
+    """Material of a body, in SI units; docs/reference/scene/material.md has the defaults.
 
     Attributes:
         young: Young's modulus, Pa.
@@ -71,7 +71,7 @@ class Body:
         pin: regions of fixed nodes, each with the keys of ``[[pin]]`` of a scene:
             ``{"axis": "z", "below": 0.05}`` is the lowest 5 %.
         force: forces distributed over regions of nodes: ``{"on": {...}, "total": [x, y, z]}``, N.
-        gravity: gravity, m/s²; see the guide for the default.
+        gravity: gravity, m/s²; default: chosen from the stiffness without other loads, else the earth's.
         unit: length unit of the mesh: ``"mm"``, or metres as a number.
         entries: other entries of a scene.
     """
@@ -101,7 +101,7 @@ class Scene:
     """Entries of a scene file as a dictionary of dictionaries, optionally with a mesh in memory.
 
     Args:
-        entries: entries of a scene file (see ``docs/guide.md``), by table.
+        entries: entries of a scene file (see ``docs/reference/scene/``), by table.
         folder: folder of relative paths; default: the current folder.
         mesh: mesh in memory, instead of that of ``[mesh]``.
     """

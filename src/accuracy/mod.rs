@@ -33,7 +33,7 @@ use serde::Serialize;
 const NEGLIGIBLE: f64 = 0.05;
 
 /// Estimated parts of the error of a number, in its unit and not negative. Their sum bounds the error
-/// in most cases (`docs/accuracy.md` has the share).
+/// in most cases (`docs/validation/trust.md` has the share).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct ErrorParts {
     /// Error of the mesh: the difference to the finer space, times a safety factor.

@@ -3,7 +3,7 @@
 //! The first mesh is that of the scene. The order of its elements is raised first, if it can be; then
 //! the elements that carry most of the error are divided. The spaces of these rounds contain each
 //! other, so that the last change of the number, and how fast the error in energy decreases, tell how
-//! far the number is from its limit (`docs/accuracy.md`).
+//! far the number is from its limit (`docs/validation/refinement.md`).
 
 use crate::mesh::{ElementOrder, FinerSpace, TetMesh};
 use crate::progress::ProgressScope;

@@ -1,4 +1,4 @@
-//! `palpate bench`: the measurements of docs/performance.md on any machine, as one report.
+//! `palpate bench`: the measurements of docs/performance/ on any machine, as one report.
 //!
 //! A [`Part`] is a list of cases, each measured separately. [`run_part`] measures the cases of a
 //! part in this process; [`measure_all`] starts a process for each part and collects the rows into

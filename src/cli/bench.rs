@@ -1,4 +1,4 @@
-//! `palpate bench`: the measurements of docs/performance.md on this machine.
+//! `palpate bench`: the measurements of docs/performance/ on this machine.
 
 use super::{Outcome, driver, print_json, print_notes, progress};
 use clap::Args;

@@ -19,7 +19,7 @@ pub struct ConvertArguments {
     /// (.ply, .obj, .stl); data the format cannot store is listed on standard error
     output: PathBuf,
     /// Write the mesh in this number of pieces, partitioned by a k-d tree: OUTPUT, a .pvtu, lists
-    /// them, and each is a .vtu in its folder that can be rendered separately (docs/cluster.md)
+    /// them, and each is a .vtu in its folder that can be rendered separately (docs/how-to/clusters.md)
     #[arg(long, value_name = "N", conflicts_with_all = ["format", "text"])]
     pieces: Option<usize>,
     /// Select the format: vtu, vtk, gmsh41, gmsh22, medit, tetgen or abaqus [default: from the

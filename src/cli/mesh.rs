@@ -92,7 +92,7 @@ pub struct MeshArguments {
     #[arg(long, help_heading = "Fields", default_value_t = 0)]
     smooth: u32,
     /// Write the mesh in this number of pieces, partitioned by a k-d tree: OUT, a .pvtu, lists
-    /// them, and each is a .vtu in its folder that can be rendered separately (docs/cluster.md)
+    /// them, and each is a .vtu in its folder that can be rendered separately (docs/how-to/clusters.md)
     #[arg(long, value_name = "N")]
     pieces: Option<usize>,
     /// Write a report of the mesh, its quality and the computing time as JSON

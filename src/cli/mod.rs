@@ -20,8 +20,10 @@ mod presets;
 mod press;
 mod press_map;
 mod progress;
+pub mod reference_pages;
 mod refinement;
 mod render;
+pub mod schema;
 mod shell;
 mod simulate;
 #[cfg(feature = "study")]
@@ -91,6 +93,8 @@ enum Command {
     Presets(presets::PresetsArguments),
     /// List the graphics adapters, best first
     Adapters(adapters::AdaptersArguments),
+    /// Print the JSON Schema of scene files, for completion and errors in editors
+    Schema(schema::SchemaArguments),
     /// Print the completion script of a shell
     Completions(shell::CompletionsArguments),
     /// Write a manual page for each command
@@ -172,6 +176,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Command::Warp(arguments) => warp::run(adapter, arguments),
         Command::Presets(arguments) => presets::run(arguments),
         Command::Adapters(arguments) => adapters::run(adapter, arguments),
+        Command::Schema(arguments) => schema::run(arguments),
         Command::Completions(arguments) => shell::completions(arguments),
         Command::Man(arguments) => shell::man(arguments),
     }

@@ -48,7 +48,7 @@ pub struct RenderArguments {
     mesh_out: Option<PathBuf>,
     /// Render the frames that another program writes to this file or named pipe (- for standard
     /// input), each as soon as it arrives, as numbered pictures OUT_0000.png and so on, or as a film;
-    /// docs/frames.md describes the format
+    /// docs/how-to/frames.md describes the format
     #[arg(long, value_name = "PIPE", conflicts_with_all = ["pick", "mesh_out", "repeat", "report"])]
     frames_from: Option<PathBuf>,
     #[command(flatten)]

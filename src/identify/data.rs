@@ -368,7 +368,7 @@ fn read_json<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T> {
     let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
     serde_json::from_str(&text).map_err(|e| {
         let what = format!(
-            "{e}; it must say where and how was pressed (docs/identify.md), as palpate press writes it"
+            "{e}; it must say where and how was pressed (docs/how-to/identify.md), as palpate press writes it"
         );
         Error::format(path, what)
     })

@@ -123,8 +123,9 @@ impl Recording {
     /// [`Error::Format`] or [`Error::Io`] naming the file and what it lacks.
     pub fn read(path: &Path) -> Result<Recording> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-        let file: RecordingFile = toml::from_str(&text)
-            .map_err(|e| Error::format(path, format!("{e} (recordings: docs/identify.md)")))?;
+        let file: RecordingFile = toml::from_str(&text).map_err(|e| {
+            Error::format(path, format!("{e} (recordings: docs/how-to/identify.md)"))
+        })?;
         let wrong = |what: String| Error::format(path, what);
         let readings = Readings {
             reactions: file.reaction,

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Magic bytes at the start of a stream.
 const MAGIC: &[u8; 8] = b"PALPATE1";
 
-/// A stream of frames in the layout of docs/frames.md: `PALPATE1`, the numbers of nodes and of tets
+/// A stream of frames in the layout of docs/how-to/frames.md: `PALPATE1`, the numbers of nodes and of tets
 /// (u32), then the rest positions of the nodes (f64 × 3 each) and the nodes of every tet (u32 × 4
 /// each), unless there are 0 tets; then, for each frame, its time in s (f64) and the positions of
 /// the nodes (f64 × 3 each), in the mesh's unit. All little-endian. The stream ends at a frame

@@ -33,7 +33,7 @@ pub struct PressReport {
     pub hertz_young_pa: Option<f64>,
     /// Maximum force.
     pub max_force_n: f64,
-    /// Error of `max_force_n`, which is within it in most cases (`docs/accuracy.md`); `None` without an
+    /// Error of `max_force_n`, which is within it in most cases (`docs/validation/trust.md`); `None` without an
     /// estimate.
     pub max_force_error_n: Option<f64>,
     /// Error of `stiffness_n_per_m`.

@@ -2,6 +2,8 @@
 
 use super::Scene;
 use super::default_load::ChosenSupport;
+#[cfg(feature = "cli")]
+use super::schema;
 use super::simulator::{SimulatorSetup, choose_step, stable_damping};
 use super::time_dependent_loads::TimeDependentLoads;
 use crate::cage::{Cage, CageKind, EmbeddedSimulator};
@@ -28,13 +30,17 @@ const NODES: usize = 2000;
 /// # damping = 8.0         # mass-proportional damping rate of a grid, 1/s
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CageEntry {
     /// Approximate number of nodes; default 2,000.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 2000, "minimum" = 8, "maximum" = 4_000_000, "examples" = [5000])))]
     pub nodes: Option<usize>,
     /// Kind of discretisation.
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::cage_kind", extend("default" = "lattice", "examples" = ["grid"])))]
     pub kind: Option<CageKind>,
     /// Damping rate of a grid, 1/s; default: that of the lowest vibration mode of the mesh.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "1/s", "minimum" = 0.0, "examples" = [8.0])))]
     pub damping: Option<f64>,
 }
 

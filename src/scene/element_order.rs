@@ -12,7 +12,7 @@ use glam::DVec3;
 use std::str::FromStr;
 
 /// Largest number of tets for which [`OrderChoice::Auto`] chooses order 2: a press of so many takes
-/// tens of seconds on two processor cores (`docs/accuracy.md`).
+/// tens of seconds on two processor cores (`docs/validation/elements.md`).
 const MAX_AUTO_TETS: usize = 30_000;
 
 /// The order of the elements of a scene.

@@ -66,6 +66,8 @@ mod renamed_keys;
 mod resolution;
 mod rest;
 mod scan;
+#[cfg(feature = "cli")]
+mod schema;
 mod simulator;
 mod skin;
 mod sleep;
@@ -108,6 +110,7 @@ use std::path::Path;
 
 /// Description of a picture or a series; see the [module](self) for the file format.
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Source of the mesh.
@@ -168,6 +171,7 @@ pub struct Scene {
     pub skin: Vec<SkinEntry>,
     /// Volumes embedded in the body, rendered in place of its fields.
     #[serde(default, deserialize_with = "entries::scans")]
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::scans"))]
     pub scan: Vec<ScanEntry>,
     /// The camera; default: the whole mesh is framed.
     #[serde(default)]
@@ -200,29 +204,39 @@ pub struct Scene {
 
 /// Time integration of the body.
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SolverEntry {
     /// `explicit`, `symplectic`, `verlet`, `velocity-verlet` or `implicit`; for finite elements on
     /// the CPU also `bdf2` and `midpoint`.
     #[serde(default, deserialize_with = "keywords::solver")]
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::solver", extend("examples" = ["implicit"])))]
     pub name: Option<String>,
     /// Engine of the time steps: `auto`, `gpu`, `cpu`, or `rapier` in builds that include it.
     #[serde(default, deserialize_with = "keywords::engine")]
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::engine", extend("default" = "auto", "examples" = ["cpu"])))]
     pub engine: Option<EngineChoice>,
     /// Time step, s.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0.0, "examples" = [0.01])))]
     pub dt: Option<f64>,
     /// Number of steps before the picture, or between two frames of a series.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [50])))]
     pub steps: Option<u32>,
     /// Gravity, m/s².
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "m/s²", "examples" = [[0.0, 0.0, -9.81]])))]
     pub gravity: Option<[f64; 3]>,
     /// Largest number of conjugate gradient iterations per step.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 2000, "minimum" = 1, "examples" = [500])))]
     pub iterations: Option<u32>,
     /// Relative residual at which conjugate gradients stop.
+    #[cfg_attr(feature = "cli", schemars(extend("exclusiveMinimum" = 0.0, "examples" = [1e-5])))]
     pub tolerance: Option<f64>,
     /// Whether steps may invert tets; by default such a step fails, unless the load was chosen
     /// automatically.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [true])))]
     pub allow_inversion: Option<bool>,
     /// Whether the body sleeps when at rest; default true.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = true, "examples" = [false])))]
     pub sleep: Option<bool>,
     /// The planned run. If it is set, a body without supports, loads or cuts gets a load and an
     /// implicit time step chosen from its stiffness, instead of the earth's gravity and 0.01 s, and

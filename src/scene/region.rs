@@ -1,6 +1,8 @@
 //! Regions: groups of nodes selected by position or by label.
 
 use super::keywords::{check_fraction, fraction};
+#[cfg(feature = "cli")]
+use super::schema;
 use crate::mesh::{Location, TetMesh};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -19,36 +21,50 @@ use std::fmt;
 /// x_above = 1.2
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Region {
     /// Name of a pin of these nodes in reaction files; default `pin1`, `pin2` …
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["wall"])))]
     pub name: Option<String>,
     /// Inside the axis-aligned box between these corners.
     #[serde(rename = "box")]
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]]])))]
     pub inside: Option<[[f64; 3]; 2]>,
     /// Inside the sphere [x, y, z, radius].
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[0.0, 0.0, 0.5, 0.1]])))]
     pub sphere: Option<[f64; 4]>,
     /// Axis of `below` and `above`: `x`, `y` or `z`.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["z"])))]
     pub axis: Option<Axis>,
     /// Below this fraction of the bounds along `axis`, from 0 to 1.
     #[serde(default, deserialize_with = "fraction")]
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::fraction", extend("minimum" = 0.0, "maximum" = 1.0, "examples" = [0.05])))]
     pub below: Option<f64>,
     /// Above this fraction of the bounds along `axis`, from 0 to 1.
     #[serde(default, deserialize_with = "fraction")]
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::fraction", extend("minimum" = 0.0, "maximum" = 1.0, "examples" = [0.05])))]
     pub above: Option<f64>,
     /// Largest x.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [-0.6])))]
     pub x_below: Option<f64>,
     /// Smallest x.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [-0.6])))]
     pub x_above: Option<f64>,
     /// Largest y.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [-0.6])))]
     pub y_below: Option<f64>,
     /// Smallest y.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [-0.6])))]
     pub y_above: Option<f64>,
     /// Largest z.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [-0.6])))]
     pub z_below: Option<f64>,
     /// Smallest z.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [-0.6])))]
     pub z_above: Option<f64>,
     /// Label or name of a region: nodes of its tetrahedra.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["femur", 3])))]
     pub label: Option<LabelOrName>,
     /// These corners of elements, whatever else is given; not in files.
     #[serde(skip)]
@@ -57,6 +73,7 @@ pub(crate) struct Region {
 
 /// A region of a mesh: its value in the cell field `label`, or its name in the mesh.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(
     untagged,
     expecting = "a region must be given by its label (an integer) or its name"
@@ -83,6 +100,7 @@ impl LabelOrName {
 
 /// A coordinate axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 #[allow(missing_docs)]
 pub(crate) enum Axis {

@@ -1,4 +1,4 @@
-//! Features of scenes on bodies of order 2: each cell of the table in docs/accuracy.md.
+//! Features of scenes on bodies of order 2: each cell of the table in docs/explanation/quadratic-tets.md.
 
 use crate::stages::{FINGER, TABLE, box_scene, positions, reaction, run, stage};
 use crate::support::gpu;

@@ -20,7 +20,7 @@ pub struct IdentifyArguments {
     /// Scene (.toml) of the body, or a mesh
     scene: PathBuf,
     /// Read measurements: the folder of `palpate press`, press.csv with press.json, map.csv with map.json,
-    /// a recording of markers, or displacements, reactions and volumes at rest (.toml, docs/identify.md), a
+    /// a recording of markers, or displacements, reactions and volumes at rest (.toml, docs/how-to/identify.md), a
     /// displacement field (.vtu, .nii.gz); several for several experiments
     #[arg(long, required = true, num_args = 1.., value_name = "DATA")]
     data: Vec<PathBuf>,

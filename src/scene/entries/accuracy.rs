@@ -1,5 +1,7 @@
 //! Entry of how exact a number has to be.
 
+#[cfg(feature = "cli")]
+use crate::scene::schema;
 use crate::{Error, Result};
 use serde::{Deserialize, Deserializer, de};
 
@@ -14,14 +16,18 @@ use serde::{Deserialize, Deserializer, de};
 /// max_tets = 300000        # the default
 /// ```
 #[derive(Clone, Debug, Default, Deserialize, PartialEq)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct AccuracyEntry {
     /// Largest error, relative to the number: `"2%"` in files is 0.02.
     #[serde(default, deserialize_with = "share")]
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::percentage", extend("examples" = ["2%"])))]
     pub within: Option<f64>,
     /// The number: `displacement`, `energy`, `volume`, or the name of a pin or tool.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = "displacement", "examples" = ["energy", "finger"])))]
     pub of: Option<String>,
     /// Largest number of elements of the mesh.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 300_000, "minimum" = 1, "examples" = [100_000])))]
     pub max_tets: Option<usize>,
 }
 

@@ -18,21 +18,26 @@ use std::path::PathBuf;
 /// pressure = 500.0        # Pa, inwards; or [[0.0, 0.0], [0.5, 500.0]]: time (s), pressure
 /// ```
 #[derive(Clone, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PressureEntry {
     /// Region of the faces; all nodes of a face must lie in it.
     pub on: Option<Region>,
     /// Selects the faces whose normals at rest lie within 45° of this direction.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [[0.0, 0.0, 1.0]])))]
     pub normal: Option<[f64; 3]>,
     /// Loads the interface of these two regions, by name or label, instead of the boundary: the
     /// first region presses on the second.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [["lung", "body"]])))]
     pub between: Option<[LabelOrName; 2]>,
     /// Pressure in Pa, positive inwards.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "Pa", "examples" = [500.0, [[0.0, 0.0], [0.5, 500.0]]])))]
     pub pressure: TimeSeries,
 }
 
 /// A constant, or a piecewise linear function of time as pairs of time in s and value.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(untagged, expecting = "expected a number, or a list of [time, number]")]
 #[allow(missing_docs)]
 pub(crate) enum TimeSeries {
@@ -55,21 +60,28 @@ pub(crate) enum TimeSeries {
 /// pivot = [0.0, 0, 0]     # through this point, which moves with the path; default: their centroid
 /// ```
 #[derive(Clone, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct MoveEntry {
     /// Name in reaction files.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["jaw"])))]
     pub name: Option<String>,
     /// The nodes.
     pub on: Region,
     /// Times and displacements from the rest position, interpolated linearly.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "s, then mesh unit", "examples" = [[[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 4.0]]])))]
     pub path: Option<Vec<[f64; 4]>>,
     /// CSV file with the path, relative to the scene file: a header `time_s,x,y,z` and numbers.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "s, then mesh unit", "examples" = ["jaw.csv"])))]
     pub file: Option<PathBuf>,
     /// Times and angles in degrees, interpolated linearly.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "s, then degrees", "examples" = [[[0.0, 0.0], [0.5, 30.0]]])))]
     pub rotation: Option<Vec<[f64; 2]>>,
     /// Rotation axis.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = [0.0, 0.0, 1.0], "examples" = [[0.0, 1.0, 0.0]])))]
     pub axis: Option<[f64; 3]>,
     /// Point on the rotation axis, at rest.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[0.0, 0.0, 0.0]])))]
     pub pivot: Option<[f64; 3]>,
 }
 
@@ -84,20 +96,26 @@ pub(crate) struct MoveEntry {
 /// activation = [[0.0, 0.0], [0.3, 1.0]]     # time (s), activation (0 to 1); or a number
 /// ```
 #[derive(Clone, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct MuscleEntry {
     /// The contracting region.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["muscle", 3])))]
     pub region: Option<LabelOrName>,
     /// Fibre direction at rest; default: the longest axis of the region.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [[0.0, 0.0, 1.0], "fibre"])))]
     pub fibre: Option<FibreEntry>,
     /// Active tension T at full activation, Pa.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "Pa", "examples" = [2e5])))]
     pub tension: f64,
     /// Activation, from 0 to 1.
+    #[cfg_attr(feature = "cli", schemars(extend("x-range" = "0 to 1", "examples" = [1.0, [[0.0, 0.0], [0.3, 1.0]]])))]
     pub activation: TimeSeries,
 }
 
 /// Fibre direction.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(
     untagged,
     expecting = "expected a direction [x, y, z], or the name of a vector field of the tets"

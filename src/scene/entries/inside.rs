@@ -20,19 +20,24 @@ use serde::Deserialize;
 /// box = [-0.1, -0.1, 0, 0.1, 0.1, 0.2]   # two corners: the outside is clipped
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PlaneEntry {
     /// A point and the normal of a clip plane; the side of the normal is clipped.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[0.0, 0.0, 0.1, 0.0, 0.0, 1.0]])))]
     pub clip: Option<[f64; 6]>,
     /// A point and the normal of a slice plane, on which the field is drawn.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[0.0, 0.0, 0.1, 0.0, 0.0, 1.0]])))]
     pub slice: Option<[f64; 6]>,
     /// Two corners of a clip box; the outside is clipped.
     #[serde(rename = "box")]
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[-0.1, -0.1, 0.0, 0.1, 0.1, 0.2]])))]
     pub around: Option<[f64; 6]>,
     /// Whether the plane is given in the rest configuration.
     #[serde(default)]
     pub rest: bool,
     /// Opacity of a slice; default 1.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 1.0, "minimum" = 0.0, "maximum" = 1.0, "examples" = [0.6])))]
     pub opacity: Option<f64>,
 }
 
@@ -84,13 +89,17 @@ impl PlaneEntry {
 /// opacity = 0.6
 /// ```
 #[derive(Clone, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct IsosurfaceEntry {
     /// The isovalue.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "of the field", "examples" = [0.5])))]
     pub value: f64,
     /// Colour name, or #RRGGBB.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["tomato", "#d04030"])))]
     pub colour: Option<String>,
     /// Opacity; default 1.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 1.0, "minimum" = 0.0, "maximum" = 1.0, "examples" = [0.6])))]
     pub opacity: Option<f64>,
 }
 

@@ -16,11 +16,14 @@ use serde::Deserialize;
 /// # fixed = {}
 /// ```
 #[derive(Clone, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct JointEntry {
     /// The regions, by label or name: two, or one joined to the world.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [["femur", "tibia"], ["femur"]])))]
     pub between: Vec<LabelOrName>,
     /// Anchor point at rest.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[0.0, 0.0, 410.0]])))]
     pub at: [f64; 3],
     /// A hinge: rotation about an axis, limited to a range of angles in degrees.
     pub hinge: Option<AxisEntry>,
@@ -34,15 +37,19 @@ pub(crate) struct JointEntry {
 
 /// Axis and range of motion of a joint.
 #[derive(Clone, Copy, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct AxisEntry {
     /// Direction of the axis.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [[1.0, 0.0, 0.0]])))]
     pub axis: [f64; 3],
     /// Lower limit (≤ 0) and upper limit (≥ 0).
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "degrees, or mesh unit", "examples" = [[-5.0, 120.0]])))]
     pub limits: Option<[f64; 2]>,
 }
 
 /// An entry without keys.
 #[derive(Clone, Copy, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct EmptyEntry {}

@@ -2,6 +2,8 @@
 
 use crate::scene::Preloaded;
 use crate::scene::keywords;
+#[cfg(feature = "cli")]
+use crate::scene::schema;
 use crate::volume::Volume;
 use serde::de::{Error as _, MapAccess, SeqAccess, Visitor, value};
 use serde::{Deserialize, Deserializer};
@@ -13,7 +15,7 @@ use std::path::PathBuf;
 /// the unit of the mesh is not the millimetre.
 ///
 /// ```toml
-/// [scan]                  # or [[scan]], for several: isosurfaces, slices and projections
+/// [[scan]]                # or one table [scan]; of several, isosurfaces, slices and projections
 /// file = "ct.nrrd"        # use the first one
 /// transfer = "bone"       # a preset, a JSON file or the JSON itself
 /// range = [-200, 1500]    # default: the range of the values
@@ -30,21 +32,28 @@ use std::path::PathBuf;
 /// hidden = true
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ScanEntry {
     /// The volume, relative to the scene file, in any supported format.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["ct.nrrd"])))]
     pub file: PathBuf,
     /// Which volume of a file of several (times, echoes, components) is displayed, counted from 0.
     #[serde(rename = "volume")]
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [2])))]
     pub number: Option<usize>,
     /// Name in the legend; default: the name of the file.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["CT"])))]
     pub name: Option<String>,
     /// Transfer function; default for the first scan: that of `[picture]`.
     #[serde(default, deserialize_with = "keywords::transfer")]
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::transfer", extend("examples" = ["bone"])))]
     pub transfer: Option<String>,
     /// Smallest and largest value; values outside are clamped.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "of the scan", "examples" = [[-200.0, 1500.0]])))]
     pub range: Option<[f64; 2]>,
     /// Whether the values are labels.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [true])))]
     pub labels: Option<bool>,
     /// Appearance of labels, by name or number.
     #[serde(default)]
@@ -63,12 +72,15 @@ impl ScanEntry {
 
 /// Appearance of a label of a scan.
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LabelAppearanceEntry {
     /// Colour name, or #RRGGBB; by default each label has its own colour.
     #[serde(default, deserialize_with = "keywords::colour")]
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::text", extend("examples" = ["wheat", "#d04030"])))]
     pub colour: Option<String>,
     /// Opacity over the mean chord length of the label, from 0 to 1.
+    #[cfg_attr(feature = "cli", schemars(extend("minimum" = 0.0, "maximum" = 1.0, "examples" = [0.6])))]
     pub opacity: Option<f64>,
     /// Whether it is not drawn.
     #[serde(default)]

@@ -12,12 +12,15 @@ use std::path::PathBuf;
 /// gap = 0.2               # barrier distance, in the mesh's unit
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ContactEntry {
     /// Coulomb friction coefficient μ; default 0.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 0.0, "minimum" = 0.0, "examples" = [0.3])))]
     pub friction: Option<f64>,
     /// Distance at which the contact barrier becomes active; default: 1/20 of the mean edge length
     /// of the boundary.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "exclusiveMinimum" = 0.0, "examples" = [0.2])))]
     pub gap: Option<f64>,
 }
 
@@ -48,9 +51,11 @@ pub(crate) struct ContactEntry {
 /// # hidden = true         # in contact, but not drawn
 /// ```
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ToolEntry {
     /// Name in reaction files.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["finger"])))]
     pub name: Option<String>,
     /// A sphere.
     pub sphere: Option<SphereEntry>,
@@ -62,35 +67,49 @@ pub(crate) struct ToolEntry {
     /// A half-space below a plane.
     pub plane: Option<PlaneShapeEntry>,
     /// A closed surface, relative to the scene file; its edges are rounded by 1/64 of its extent.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["probe.stl"])))]
     pub surface: Option<PathBuf>,
     /// Initial position of its centre.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[0.0, 0.0, 60.0]])))]
     pub at: [f64; 3],
     /// Direction of the third axis of its shape; default +z.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = [0.0, 0.0, 1.0], "examples" = [[0.0, 1.0, 0.0]])))]
     pub orientation: Option<[f64; 3]>,
     /// Times and displacements from `at`, interpolated linearly.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "s, then mesh unit", "examples" = [[[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 4.0]]])))]
     pub path: Option<Vec<[f64; 4]>>,
     /// CSV file with the path, relative to the scene file: a header `time_s,x,y,z` and numbers.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "s, then mesh unit", "examples" = ["jaw.csv"])))]
     pub file: Option<PathBuf>,
     /// Times and angles in degrees, interpolated linearly.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "s, then degrees", "examples" = [[[0.0, 0.0], [0.5, 30.0]]])))]
     pub rotation: Option<Vec<[f64; 2]>>,
     /// Rotation axis, through its centre.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = [0.0, 0.0, 1.0], "examples" = [[0.0, 1.0, 0.0]])))]
     pub axis: Option<[f64; 3]>,
     /// Coulomb friction coefficient μ; default 0.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 0.0, "minimum" = 0.0, "examples" = [0.3])))]
     pub friction: Option<f64>,
     /// Spring stiffness, N/m: makes the tool a dynamic rigid body whose centre of mass is coupled
     /// by a spring to the position on its path.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "N/m", "exclusiveMinimum" = 0.0, "examples" = [500.0])))]
     pub spring_stiffness: Option<f64>,
     /// Largest force of the spring, N.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "N", "exclusiveMinimum" = 0.0, "examples" = [2.0])))]
     pub max_force: Option<f64>,
     /// Mass, kg: makes the tool a dynamic rigid body, free or on a spring. Default for a tool on a
     /// spring: the mass of its volume of water.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "kg", "exclusiveMinimum" = 0.0, "examples" = [0.05])))]
     pub mass: Option<f64>,
     /// Distance at which the contact barrier becomes active, close to the gap kept during contact;
     /// default: a small fraction of its size and of the mesh's edge length.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "exclusiveMinimum" = 0.0, "examples" = [0.02])))]
     pub gap: Option<f64>,
     /// Colour: red, green, blue, from 0 to 1; default grey.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [[0.7, 0.75, 0.8]])))]
     pub colour: Option<[f32; 3]>,
     /// Opacity, from 0 (invisible) to 1 (opaque).
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 1.0, "minimum" = 0.0, "maximum" = 1.0, "examples" = [0.5])))]
     pub opacity: Option<f32>,
     /// Whether it is not drawn.
     #[serde(default)]
@@ -99,31 +118,39 @@ pub(crate) struct ToolEntry {
 
 /// A sphere.
 #[derive(Clone, Copy, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SphereEntry {
     /// Its radius.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "exclusiveMinimum" = 0.0, "examples" = [8.0])))]
     pub radius: f64,
 }
 
 /// A capsule: a cylinder with hemispherical ends.
 #[derive(Clone, Copy, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct CapsuleEntry {
     /// Its radius.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "exclusiveMinimum" = 0.0, "examples" = [8.0])))]
     pub radius: f64,
     /// Length of the cylinder, without the ends.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "minimum" = 0.0, "examples" = [30.0])))]
     pub length: f64,
 }
 
 /// A box.
 #[derive(Clone, Copy, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct BoxEntry {
     /// Edge lengths.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "examples" = [[20.0, 10.0, 4.0]])))]
     pub size: [f64; 3],
 }
 
 /// A plane.
 #[derive(Clone, Copy, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PlaneShapeEntry {}

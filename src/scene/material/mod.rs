@@ -11,6 +11,8 @@ use crate::mesh::{Location, TetMesh};
 use crate::physics::{
     Damping, Material, MaterialModel, RegionMaterial, Stiffness, Tissue, VolumetricFormulation,
 };
+#[cfg(feature = "cli")]
+use crate::scene::schema;
 use crate::{Error, Result};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -33,39 +35,54 @@ use std::collections::BTreeMap;
 ///
 /// Tissues of [`TISSUES`](crate::physics::TISSUES) have published values; others need `young`.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 pub struct MaterialEntry {
     /// `springs`, `neo-hookean` or `corotated`; default: `neo-hookean` for tetrahedral bodies
     /// without spring stiffness or damping, and `springs` for grids and cages.
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::material_model", extend("examples" = ["corotated"])))]
     pub model: Option<MaterialModel>,
     /// Young's modulus in Pa; springs have ν = ¼.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "Pa", "default" = 30_000.0, "exclusiveMinimum" = 0.0, "examples" = [2e4])))]
     pub young: Option<f64>,
     /// Poisson's ratio, for finite elements.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 0.4, "minimum" = 0.0, "maximum" = 0.499, "examples" = [0.45])))]
     pub poisson: Option<f64>,
     /// Volumetric formulation of finite elements: `per-tet`, or `averaged`, which avoids volumetric
     /// locking as ν approaches ½.
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::volume", extend("default" = "per-tet", "examples" = ["averaged"])))]
     pub volume: Option<VolumetricFormulation>,
     /// Order of finite elements: 1 (linear tets), 2 (quadratic tets, each with ten nodes), which need
     /// far fewer tets for the same error, or `auto`; default: 1, and for a single press `auto`. Of
     /// ten-node tets in a file, order 1 uses the corners and order 2 the mid-edge nodes, too.
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::order", extend("examples" = [2, "auto"])))]
     pub order: Option<OrderChoice>,
     /// One spring stiffness κ for all edges, in N/m (the paper's); instead of `young`.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "N/m", "exclusiveMinimum" = 0.0, "examples" = [3000.0])))]
     pub stiffness: Option<f64>,
     /// Field of the tetrahedra, or else of the nodes, that scales the stiffness.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = ["stiffness"])))]
     pub stiffness_field: Option<String>,
     /// Density in kg/m³.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "kg/m³", "default" = 1060.0, "exclusiveMinimum" = 0.0, "examples" = [1000.0])))]
     pub density: Option<f64>,
     /// Damping κ_d of each spring, in N·s/m.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "N·s/m", "minimum" = 0.0, "examples" = [0.5])))]
     pub damping: Option<f64>,
     /// Damping ratio ζ at `damping_hz`, for finite elements; see [`Material::with_damping_ratio`].
+    #[cfg_attr(feature = "cli", schemars(extend("minimum" = 0.0, "examples" = [0.05])))]
     pub damping_ratio: Option<f64>,
     /// Reference frequency of `damping_ratio`, Hz.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "Hz", "exclusiveMinimum" = 0.0, "examples" = [2.0])))]
     pub damping_hz: Option<f64>,
     /// `axial` or `relative` (the paper's).
+    #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::damping_kind", extend("examples" = ["relative"])))]
     pub damping_kind: Option<String>,
     /// Largest ratio of the stiffness of a tissue to that of the softest one: implicit steps take
     /// longer for larger ratios, and above some hundreds the difference is not visible.
+    #[cfg_attr(feature = "cli", schemars(extend("minimum" = 1.0, "examples" = [300.0])))]
     pub max_stiffness_ratio: Option<f64>,
     /// Tissues by name.
+    #[cfg_attr(feature = "cli", schemars(flatten))]
     pub(crate) tissues: Tissues,
 }
 
@@ -73,6 +90,7 @@ type Tissues = BTreeMap<String, TissueEntry>;
 
 /// A tissue and its regions.
 #[derive(Clone, Debug, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(
     untagged,
     expecting = "neither a key of [material] nor a tissue: a tissue must be a list of regions, or a table with some of `regions`, `young`, `poisson`, `density` and `rigid`"
@@ -86,15 +104,20 @@ pub(crate) enum TissueEntry {
 
 /// A tissue with its own parameters.
 #[derive(Clone, Debug, Default, Deserialize)]
+#[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TissueTable {
     /// Regions by label or name; default: those whose names contain the name of the tissue.
+    #[cfg_attr(feature = "cli", schemars(extend("examples" = [["femur", 6]])))]
     pub regions: Option<Vec<LabelOrName>>,
     /// Young's modulus in Pa.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "Pa", "exclusiveMinimum" = 0.0, "examples" = [1e6])))]
     pub young: Option<f64>,
     /// Poisson's ratio, for finite elements.
+    #[cfg_attr(feature = "cli", schemars(extend("minimum" = 0.0, "maximum" = 0.499, "examples" = [0.45])))]
     pub poisson: Option<f64>,
     /// Density in kg/m³.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "kg/m³", "exclusiveMinimum" = 0.0, "examples" = [1200.0])))]
     pub density: Option<f64>,
     /// Whether its regions are rigid bodies: requires finite elements and an implicit scheme. Such
     /// a tissue needs no `young`.

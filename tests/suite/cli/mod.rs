@@ -2,6 +2,8 @@
 
 mod bake;
 mod bench;
+mod book;
+mod capabilities;
 /// The program's flags module.
 #[allow(dead_code)]
 #[path = "../../../src/cli/mod.rs"]
@@ -15,10 +17,12 @@ mod identify;
 mod mesh;
 mod pick;
 mod pieces;
+mod report_keys;
 mod resume;
 mod scan;
 mod shell;
 mod terminal;
+mod tutorials;
 mod warp;
 
 use palpate::render::{Image, ImageDifference};

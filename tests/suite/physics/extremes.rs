@@ -1,4 +1,4 @@
-//! Limits of the methods: behaviour in numbers, as described in `docs/failures.md`.
+//! Limits of the methods: behaviour in numbers, as described in `docs/explanation/failure-modes.md`.
 
 use super::common::{Noise, Twins, solver, step_truth};
 use glam::DVec3;

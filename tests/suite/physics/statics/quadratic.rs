@@ -14,7 +14,7 @@ fn rise(n: usize, poisson: f64) -> f64 {
     cook::rise_of(Setup::quadratic(&mesh, poisson), thickness)
 }
 
-/// Quadratic tets of scikit-fem on increasingly fine meshes, extrapolated (docs/tissue.md).
+/// Quadratic tets of scikit-fem on increasingly fine meshes, extrapolated (docs/explanation/locking.md).
 const COOK: [(f64, f64); 3] = [(0.3, 22.01), (0.45, 19.64), (0.49, 18.79)];
 
 #[test]
