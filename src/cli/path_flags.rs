@@ -44,7 +44,7 @@ pub struct PathFlags {
     /// Multiply the extinction by this factor for light paths: above 1, tissue looks more solid
     /// [default: 1]
     #[arg(long, value_name = "FACTOR", help_heading = "Light paths")]
-    pub density: Option<f64>,
+    pub extinction: Option<f64>,
     /// Filter the last noise of light paths
     #[arg(long, help_heading = "Light paths")]
     pub denoise: bool,
@@ -60,7 +60,7 @@ impl PathFlags {
         super::flags::override_with(self.noise, &mut light.noise);
         super::flags::override_with(self.seed, &mut light.seed);
         super::flags::override_with(self.environment, &mut light.environment);
-        super::flags::override_with(self.density, &mut light.density);
+        super::flags::override_with(self.extinction, &mut light.extinction);
         super::flags::override_with(self.denoise.then_some(true), &mut light.denoise);
         super::flags::override_with(self.exposure, &mut light.exposure);
     }

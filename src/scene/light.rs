@@ -31,7 +31,7 @@ impl LightEntry {
             seed: self.seed.unwrap_or(default.seed),
             environment,
             exposure: self.exposure.unwrap_or(default.exposure),
-            density: self.density.unwrap_or(default.density),
+            extinction: self.extinction.unwrap_or(default.extinction),
             denoise: self.denoise.unwrap_or(default.denoise),
             roughness: self.roughness.unwrap_or(default.roughness),
             anisotropy: self.anisotropy.unwrap_or(default.anisotropy),

@@ -183,7 +183,7 @@ impl Raycaster {
             mean_albedo: albedo.mean() as f32,
             alpha: (options.roughness * options.roughness) as f32,
             anisotropy: options.anisotropy as f32,
-            extinction: options.density as f32 * self.looks.table.opacity
+            extinction: options.extinction as f32 * self.looks.table.opacity
                 / std::f32::consts::LOG2_E,
             lens: (options.aperture / scale) as f32,
             seed: options.seed,

@@ -19,7 +19,7 @@ pub(crate) struct PathOptions {
     /// Factor on the light before tone mapping.
     pub exposure: f64,
     /// Factor on the extinction: above 1, tissue looks more solid.
-    pub density: f64,
+    pub extinction: f64,
     /// Whether the remaining noise is filtered.
     pub denoise: bool,
     /// Roughness of surfaces, 0.1 to 1.
@@ -42,7 +42,7 @@ impl Default for PathOptions {
             seed: 0,
             environment: Environment::Studio,
             exposure: 1.0,
-            density: 1.0,
+            extinction: 1.0,
             denoise: false,
             roughness: 0.4,
             anisotropy: 0.0,
@@ -85,7 +85,7 @@ impl PathOptions {
             number("noise (a fraction)", noise, 1e-5, 1.0)?;
         }
         number("exposure", self.exposure, 1e-3, 1e3)?;
-        number("density", self.density, 1e-3, 1e4)?;
+        number("extinction", self.extinction, 1e-3, 1e4)?;
         number("roughness", self.roughness, 0.1, 1.0)?;
         number("anisotropy", self.anisotropy, -0.95, 0.95)?;
         number("aperture", self.aperture, 0.0, 1e9)?;

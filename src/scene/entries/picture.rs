@@ -26,7 +26,7 @@ use std::collections::BTreeMap;
 /// seed = 0                # the same seed gives the same picture on one driver
 /// environment = "studio"  # or "white", or a file .hdr or .exr; with a direction in `from`: a sun
 /// exposure = 1.0          # factor on the light
-/// density = 4.0           # factor on the extinction: tissue looks more solid
+/// extinction = 4.0        # factor on the extinction: tissue looks more solid
 /// denoise = true          # filter the last noise
 /// roughness = 0.4         # of surfaces, 0.1 to 1
 /// anisotropy = 0.0        # mean cosine of scattering in soft tissue, -0.95 to 0.95
@@ -39,29 +39,41 @@ use std::collections::BTreeMap;
 pub struct LightEntry {
     /// How light is computed: `local`, from the gradient at each place (default), or `path`.
     #[serde(default, deserialize_with = "keywords::light_model")]
+    #[cfg_attr(feature = "cli", schemars(extend("default" = "local", "enum" = ["local", "path"], "examples" = ["path"])))]
     pub model: Option<String>,
     /// Samples per pixel of light paths; default 64.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 64, "minimum" = 1, "maximum" = 1048576, "examples" = [256])))]
     pub samples: Option<u32>,
     /// Noise of light paths at which they end, as a fraction of the light.
+    #[cfg_attr(feature = "cli", schemars(extend("minimum" = 0.00001, "maximum" = 1.0, "examples" = [0.01])))]
     pub noise: Option<f64>,
     /// Seed of the random numbers of light paths; default 0.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 0, "examples" = [1])))]
     pub seed: Option<u32>,
     /// Surroundings that light the body by paths: `studio` (default), `white`, or a file .hdr or
     /// .exr, relative to the scene.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = "studio", "examples" = ["white", "hall.hdr"])))]
     pub environment: Option<String>,
     /// Factor on the light of paths; default 1.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 1.0, "minimum" = 0.001, "maximum" = 1000.0, "examples" = [1.5])))]
     pub exposure: Option<f64>,
-    /// Factor on the extinction for light paths; default 1.
-    pub density: Option<f64>,
+    /// Factor on the extinction for light paths: above 1, tissue looks more solid; default 1.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 1.0, "minimum" = 0.001, "maximum" = 10000.0, "examples" = [8.0])))]
+    pub extinction: Option<f64>,
     /// Whether the last noise of light paths is filtered; default false.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = false, "examples" = [true])))]
     pub denoise: Option<bool>,
     /// Roughness of surfaces for light paths, 0.1 to 1; default 0.4.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 0.4, "minimum" = 0.1, "maximum" = 1.0, "examples" = [0.2])))]
     pub roughness: Option<f64>,
     /// Mean cosine of the scattering angle in soft tissue for light paths, −0.95 to 0.95; default 0.
+    #[cfg_attr(feature = "cli", schemars(extend("default" = 0.0, "minimum" = -0.95, "maximum" = 0.95, "examples" = [0.5])))]
     pub anisotropy: Option<f64>,
     /// Radius of the lens for light paths, in the mesh's unit; default 0, all in focus.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "default" = 0.0, "minimum" = 0.0, "examples" = [2.0])))]
     pub aperture: Option<f64>,
     /// Distance from the eye in focus, in the mesh's unit; default that of the point looked at.
+    #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "exclusiveMinimum" = 0.0, "examples" = [120.0])))]
     pub focus: Option<f64>,
     /// Light source; default: at the eye.
     #[serde(default, deserialize_with = "keywords::light")]
