@@ -25,7 +25,9 @@ pub(super) const MODES: [&str; 8] = [
 /// Ray traversals of the tetrahedra.
 pub(super) const TRAVERSALS: [&str; 2] = ["vertices", "planes"];
 /// Backgrounds of a picture.
-pub(super) const BACKGROUNDS: [&str; 3] = ["transparent", "black", "white"];
+pub(super) const BACKGROUNDS: [&str; 4] = ["gradient", "transparent", "black", "white"];
+/// Boundaries between regions.
+const BOUNDARIES: [&str; 2] = ["smooth", "tets"];
 /// Kinds of axes.
 const AXES: [&str; 2] = ["xyz", "anatomical"];
 /// Kinds of spring damping.
@@ -68,6 +70,10 @@ pub(super) fn traversal<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::
 
 pub(super) fn background<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
     checked(from, |word| one_of("background", &BACKGROUNDS, word))
+}
+
+pub(super) fn boundaries<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("boundaries", &BOUNDARIES, word))
 }
 
 pub(super) fn damping_kind<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {

@@ -59,6 +59,9 @@ pub struct CameraEntry {
     pub fov: Option<f64>,
     /// Height of the view of an orthographic camera, instead of `fov`.
     pub orthographic: Option<f64>,
+    /// Whether a default view is centred at the body's bounds with wider margins, instead of filling
+    /// the picture; default false.
+    pub frame_all: Option<bool>,
 }
 
 impl CameraEntry {
@@ -97,7 +100,7 @@ pub struct PictureEntry {
     /// Ray traversal: `vertices` or `planes`.
     #[serde(default, deserialize_with = "keywords::traversal")]
     pub traversal: Option<String>,
-    /// Background of a PNG: `black`, `white` or `transparent`.
+    /// Background of a PNG or film: `gradient` (default), `black`, `white` or `transparent`.
     #[serde(default, deserialize_with = "keywords::background")]
     pub background: Option<String>,
     /// Largest number of surface layers that a ray may enter.
@@ -105,6 +108,12 @@ pub struct PictureEntry {
     /// Largest error of pixel values (range 0 to 1), which determines the size of the
     /// pre-integration table; default 0.001.
     pub accuracy: Option<f64>,
+    /// Boundaries between regions in modes `composite` and `surface`: `smooth` (default; interpolated
+    /// within the tets, from the label volume that the mesh was made from where there is one), or
+    /// `tets`, along their faces. Bodies of more than 150,000 tets, and ones that are cut, have the
+    /// latter.
+    #[serde(default, deserialize_with = "keywords::boundaries")]
+    pub boundaries: Option<String>,
     /// Bits per channel of a PNG: 8 or 16.
     pub bits: Option<u32>,
     /// Largest root mean square error of the pixel values, in 1/255: selects the cheapest settings
