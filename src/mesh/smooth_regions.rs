@@ -12,10 +12,12 @@ use std::collections::BTreeMap;
 const ROUNDS: usize = 3;
 const NEIGHBOURS: f64 = 0.5;
 /// Rounds in which the volumes of regions are restored, and the change of shares in each.
-const VOLUME_ROUNDS: usize = 8;
-const VOLUME_STEP: f64 = 0.05;
+const VOLUME_ROUNDS: usize = 12;
+const VOLUME_STEP: f64 = 0.06;
 /// Share above which a region is far from its boundaries.
 const CLEAR: f64 = 0.9;
+/// Nodes that a region without others gets have this part of its largest share at a node.
+const KEPT: f64 = 0.9;
 /// Least distance of a boundary from a node along an edge, relative to its length.
 const NEAREST: f64 = 0.04;
 /// Largest number of tets after the division of those at boundaries.
@@ -103,6 +105,7 @@ impl TetMesh {
                 drawn.keep_volumes();
             }
         }
+        drawn.keep_regions(values.len());
         drawn.split(&values);
         Ok(SmoothRegions {
             mesh: drawn.mesh,
@@ -265,6 +268,28 @@ impl Divided {
             };
             for shares in &mut self.shares {
                 shares.iter_mut().for_each(|s| s.1 += missing(s.0));
+            }
+        }
+    }
+
+    /// Gives each of the `count` regions at least the nodes that it has most of, so that none vanishes.
+    fn keep_regions(&mut self, count: usize) {
+        let mut found = vec![false; count];
+        for shares in self.shares.iter().filter(|s| !s.is_empty()) {
+            found[largest(shares) as usize] = true;
+        }
+        if found.iter().all(|found| *found) {
+            return;
+        }
+        let of_tets = tet_shares(&self.mesh, &self.regions);
+        for region in (0..count as u32).filter(|r| !found[*r as usize]) {
+            let share = |shares: &Shares| share_of(shares, region);
+            let most = of_tets.iter().map(share).fold(0.0, f64::max);
+            for (own, of_tets) in self.shares.iter_mut().zip(&of_tets) {
+                if most > 0.0 && share(of_tets) >= KEPT * most {
+                    let lead = share_of(own, largest(own)) - share_of(own, region);
+                    add(own, region, lead + 0.1);
+                }
             }
         }
     }
@@ -572,6 +597,22 @@ mod tests {
         let unknown = mesh.with_smooth_regions(&field, Some(&nothing)).unwrap();
         check(&unknown, &mesh);
         assert!(roughness(&unknown.mesh) > 2.0 * after);
+    }
+
+    #[test]
+    fn no_region_vanishes() {
+        let (mut mesh, mut field) = halves();
+        // A single tet.
+        field.values.fill(3.0);
+        field.values[170] = 7.0;
+        mesh.set_field(field.clone()).unwrap();
+        let nothing = |_: DVec3, _: f64| vec![(3, 1.0)];
+        for of_volume in [None, Some(&nothing as SharesAt)] {
+            let drawn = mesh.with_smooth_regions(&field, of_volume).unwrap();
+            check(&drawn, &mesh);
+            let labels = &drawn.mesh.field("label", Location::Cell).unwrap().values;
+            assert!(labels.contains(&7.0) && labels.contains(&3.0));
+        }
     }
 
     #[test]

@@ -70,11 +70,7 @@ impl SceneAppearance {
             },
         };
         notes.extend(scalars.note.clone());
-        if let (Some(drawn), Some(cells)) = (&drawn, &scalars.cells)
-            && !scalars.regions.is_empty()
-        {
-            scalars.values = drawn.node_labels(cells);
-        }
+        DrawnMesh::label_nodes(drawn.as_ref(), &mut scalars);
         let nodes = drawn.as_ref().map_or(drive.nodes(), DrawnMesh::nodes);
         let seen = (&scalars, scans.as_slice());
         let painters = scene.build_renderers(gpu, mesh, topology, seen, nodes, &mut notes)?;

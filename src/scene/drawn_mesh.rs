@@ -2,7 +2,7 @@
 
 use super::picture::DisplayMode;
 use super::stage::NodeSource;
-use super::{Scene, Unit};
+use super::{ScalarField, Scene, Unit};
 use crate::Result;
 use crate::cage::Embedding;
 use crate::gpu::{Gpu, Recorder};
@@ -182,9 +182,18 @@ fn triples(of: [f64; 3]) -> impl Iterator<Item = (f64, f64, f64)> {
 }
 
 impl DrawnMesh {
+    /// Sets the values at the nodes of regions that are drawn to labels, for the boundary.
+    pub fn label_nodes(drawn: Option<&DrawnMesh>, scalars: &mut ScalarField) {
+        if let (Some(drawn), Some(cells)) = (drawn, &scalars.cells)
+            && !scalars.regions.is_empty()
+        {
+            scalars.values = drawn.node_labels(cells);
+        }
+    }
+
     /// Returns the label of the largest part of the surroundings of each node, given that of each tet:
     /// means of labels would be other labels.
-    pub fn node_labels(&self, cells: &[f64]) -> Vec<f64> {
+    fn node_labels(&self, cells: &[f64]) -> Vec<f64> {
         let mut volumes: Vec<Vec<(f64, f64)>> = vec![Vec::new(); self.mesh.nodes.len()];
         for (t, (tet, label)) in self.mesh.tets.iter().zip(cells).enumerate() {
             let volume = self.mesh.tet_volume(t).abs();

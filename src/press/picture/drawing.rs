@@ -21,6 +21,8 @@ const BENEATH: [f64; 2] = [2.2, 6.5];
 const INSET: f64 = 0.27;
 /// Distance of the mark of the depth from the middle of the fingertip, in radii.
 const MARK_ASIDE: f64 = 1.35;
+/// Left upper corner of the inset relative to the height of the picture.
+const INSET_PLACE: [f64; 2] = [0.02, 0.075];
 /// Colour of the outline at rest.
 const REST_INK: [f32; 3] = [0.10, 0.16, 0.30];
 
@@ -150,10 +152,11 @@ impl Subject<'_> {
         self.body.draw_boundary(&mut raster, &view, None);
         finger.draw(&mut raster, &view);
         let drawn = raster.lit(&view, None);
-        let margin = (0.018 * f64::from(size[1])) as u32;
+        // Below the title.
+        let place = INSET_PLACE.map(|share| (share * f64::from(size[1])) as u32);
         for (y, x) in (0..small[1]).flat_map(|y| (0..small[0]).map(move |x| (y, x))) {
             let from = 4 * (y * small[0] + x) as usize;
-            let to = 4 * ((y + margin) * size[0] + x + margin) as usize;
+            let to = 4 * ((y + place[1]) * size[0] + x + place[0]) as usize;
             let over = drawn[from + 3];
             for k in 0..4 {
                 // A light plate lies behind the body.
@@ -162,7 +165,7 @@ impl Subject<'_> {
                     drawn[from + k] + (1.0 - over) * (0.82 * plate + 0.18 * pixels[to + k]);
             }
         }
-        let low = [f64::from(margin); 2];
+        let low = place.map(f64::from);
         let scale = f64::from(size[1]) / 768.0;
         let mut pen = Pen {
             pixels,
@@ -174,7 +177,7 @@ impl Subject<'_> {
         pen.frame(low, [0, 1].map(|k| low[k] + f64::from(small[k])));
         let place = |p: DVec3| {
             let at = view.project(p);
-            [at.x, at.y].map(|x| low[0] + x / f64::from(SAMPLES))
+            [0, 1].map(|k| low[k] + [at.x, at.y][k] / f64::from(SAMPLES))
         };
         // What the large picture shows, as a ring around the site.
         let reach = 2.2 * self.radius;
