@@ -26,18 +26,21 @@ const MAX_TETS: usize = 3_000_000;
 /// Returns the shares of labels around a point of the body at rest, within about a distance.
 pub(crate) type SharesAt<'a> = &'a (dyn Fn(DVec3, f64) -> Vec<(i64, f64)> + Sync);
 
+/// Nodes that carry a point, and their weights, of sum 1.
+type Carriers = ([u32; 4], [f64; 4]);
+
 /// A mesh that is drawn in place of another.
 pub(crate) struct SmoothRegions {
     /// The divided mesh; its tets are linear.
     pub mesh: TetMesh,
     /// Nodes of the other mesh that carry each node, and their weights.
-    pub weights: Vec<([u32; 4], [f64; 4])>,
+    pub weights: Vec<Carriers>,
 }
 
 impl SmoothRegions {
     /// Returns vectors at the nodes of the drawn mesh, given those at the nodes of the other.
     pub fn vectors(&self, of: &[DVec3]) -> Vec<DVec3> {
-        let at = |(nodes, weights): &([u32; 4], [f64; 4])| {
+        let at = |(nodes, weights): &Carriers| {
             let parts = nodes.iter().zip(weights);
             parts.map(|(v, w)| *w * of[*v as usize]).sum()
         };
@@ -46,7 +49,7 @@ impl SmoothRegions {
 
     /// Returns values at the nodes of the drawn mesh, given those at the nodes of the other.
     pub fn values(&self, of: &[f64]) -> Vec<f64> {
-        let at = |(nodes, weights): &([u32; 4], [f64; 4])| {
+        let at = |(nodes, weights): &Carriers| {
             let parts = nodes.iter().zip(weights);
             parts.map(|(v, w)| *w * of[*v as usize]).sum()
         };
@@ -172,7 +175,7 @@ struct Divided {
     mesh: TetMesh,
     /// Name of the field of the regions.
     field: String,
-    weights: Vec<([u32; 4], [f64; 4])>,
+    weights: Vec<Carriers>,
     /// Region of each tet, by number.
     regions: Vec<u32>,
     shares: Vec<Shares>,
@@ -477,7 +480,7 @@ impl Divided {
         self.push(place, carried)
     }
 
-    fn push(&mut self, place: DVec3, weights: ([u32; 4], [f64; 4])) -> u32 {
+    fn push(&mut self, place: DVec3, weights: Carriers) -> u32 {
         self.mesh.nodes.push(place);
         self.weights.push(weights);
         self.mesh.nodes.len() as u32 - 1
@@ -485,7 +488,7 @@ impl Divided {
 }
 
 /// Returns `(1 − share) a + share b` of two nodes carried by at most four nodes together.
-fn mix((a, b): (&([u32; 4], [f64; 4]), &([u32; 4], [f64; 4])), share: f64) -> ([u32; 4], [f64; 4]) {
+fn mix((a, b): (&Carriers, &Carriers), share: f64) -> Carriers {
     let mut found: Vec<(u32, f64)> = Vec::with_capacity(8);
     for ((nodes, weights), factor) in [(a, 1.0 - share), (b, share)] {
         for (v, w) in nodes.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
@@ -606,7 +609,7 @@ mod tests {
         field.values.fill(3.0);
         field.values[170] = 7.0;
         mesh.set_field(field.clone()).unwrap();
-        let nothing = |_: DVec3, _: f64| vec![(3, 1.0)];
+        let nothing = |_: DVec3, _: f64| vec![(3i64, 1.0)];
         for of_volume in [None, Some(&nothing as SharesAt)] {
             let drawn = mesh.with_smooth_regions(&field, of_volume).unwrap();
             check(&drawn, &mesh);

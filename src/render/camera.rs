@@ -282,7 +282,7 @@ mod tests {
     #[test]
     fn filled_views_touch_the_margins_of_the_picture() {
         // A lopsided body: bounds centred far from its silhouette.
-        let mut mesh = crate::generate::bar([4, 2, 2], DVec3::new(1.0, 0.3, 0.2)).unwrap();
+        let mut mesh = crate::generate::bar([4, 2, 2], DVec3::new(1.0, 0.3, 0.2)).expect("a bar");
         mesh.nodes.iter_mut().for_each(|p| p.y += 0.8 * p.x * p.x);
         for size in [[400, 300], [200, 500]] {
             let extent = |camera: &Camera| {

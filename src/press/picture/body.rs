@@ -126,9 +126,10 @@ impl Body<'_> {
         for (face, _) in self.faces {
             let x = face.map(|v| self.rest[v as usize]);
             let d = x.map(|p| cut.distance(p));
-            let crossing = [[0, 1], [1, 2], [2, 0]].into_iter().filter_map(|[i, j]| {
-                ((d[i] > 0.0) != (d[j] > 0.0)).then(|| x[i].lerp(x[j], d[i] / (d[i] - d[j])))
-            });
+            let crossing = [[0, 1], [1, 2], [2, 0]]
+                .into_iter()
+                .filter(|[i, j]| (d[*i] > 0.0) != (d[*j] > 0.0))
+                .map(|[i, j]| x[i].lerp(x[j], d[i] / (d[i] - d[j])));
             if let [a, b] = crossing.collect::<Vec<_>>()[..] {
                 segments.push([a, b]);
             }

@@ -1,7 +1,6 @@
 //! Lines drawn over a picture: the outline at rest, the depth, the frame of the inset.
 
-/// Draws a line of `width` pixels over premultiplied `pixels`, with smooth edges; `dash` is the length of
-/// its dashes and gaps in pixels along a path, and `from` the path's length before the line.
+/// Draws lines with smooth edges over premultiplied `pixels`; widths are in pixels.
 pub(super) struct Pen<'a> {
     pub pixels: &'a mut [f32],
     pub size: [u32; 2],
@@ -37,7 +36,7 @@ impl Pen<'_> {
         }
     }
 
-    /// Blends the colour over a pixel; a pixel keeps the darkest cover of a path.
+    /// Blends the colour over a pixel.
     fn blend(&mut self, x: u32, y: u32, cover: f32) {
         if cover <= 0.0 {
             return;
