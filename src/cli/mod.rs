@@ -15,6 +15,7 @@ mod frames;
 mod identify;
 mod info;
 mod mesh;
+mod number_lists;
 mod path_flags;
 mod presets;
 mod press;

@@ -9,6 +9,7 @@ mod error;
 mod interactive;
 mod interactive_error;
 mod map;
+mod picture;
 #[cfg(feature = "identify")]
 mod presser;
 mod question;
@@ -123,6 +124,8 @@ pub struct Press {
     error: Option<std::result::Result<PressError, String>>,
     /// The meshes on the way, if the body was refined for this press.
     refinement: Option<Refinement>,
+    /// What pictures show: the body, and the state kept for them.
+    drawn: picture::KeptPictures,
     notes: Vec<String>,
     gpu: Gpu,
 }
@@ -183,6 +186,7 @@ impl Press {
             states: LoadedStates::default(),
             error: None,
             refinement: None,
+            drawn: picture::KeptPictures::default(),
             gpu: gpu.clone(),
         })
     }
@@ -445,6 +449,11 @@ impl Press {
             samples: self.session.samples(),
             conditions,
         }
+    }
+
+    /// Whether [`Press::estimate_error`] found the errors of the measured numbers.
+    pub fn has_error(&self) -> bool {
+        matches!(self.error, Some(Ok(_)))
     }
 
     /// Returns the error of the force of a sample, N, if [`Press::estimate_error`] found it.
