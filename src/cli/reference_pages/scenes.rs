@@ -15,7 +15,7 @@ pub fn of_scenes(schema: &Value) -> Vec<(String, String)> {
         let heading = reference.heading(name, entry);
         let text = first_sentence(description(entry));
         index += &format!("| [`{heading}`]({name}.md) | {text} |\n");
-        pages.push((format!("scene/{name}.md"), reference.page(name, entry)));
+        pages.extend(reference.pages(name, entry));
     }
     pages.insert(0, ("scene/index.md".to_owned(), index));
     pages
@@ -153,36 +153,37 @@ impl<'a> Reference<'a> {
         }
     }
 
-    fn page(&self, name: &str, entry: &'a Value) -> String {
+    /// The pages of a table: its keys, and a page for each table in it that no other page has.
+    fn pages(&self, name: &str, entry: &'a Value) -> Vec<(String, String)> {
         let heading = self.heading(name, entry);
         let table = self.table(entry);
         let text = table.map_or("", |table| description(&self.definitions[table]));
-        let mut page = format!("# {heading}\n\n{GENERATED}\n");
+        let mut begin = String::new();
         // The table of a region is that of pins, whose own text says what they do.
         let own = description(entry);
         if !text.starts_with(own) {
-            page += &format!("{own}\n\n");
+            begin += &format!("{own}\n\n");
         }
-        page += &format!("{text}\n");
-        if let Some(table) = table {
-            self.add_keys(&mut page, table, "");
-            for (key, inner) in self.nested(table) {
-                if self
-                    .places
-                    .get(inner)
-                    .is_some_and(|place| place.0 == name && place.1 == key)
-                {
-                    let text = description(&self.definitions[inner]);
-                    page += &format!("\n## Keys of `{key}`\n\n{text}\n");
-                    self.add_keys(&mut page, inner, &format!("{key}."));
-                }
+        begin += &format!("{text}\n");
+        let Some(table) = table else {
+            return short_pages(name, &heading, &begin, Vec::new());
+        };
+        let mut pages = short_pages(name, &heading, &begin, self.keys(table, ""));
+        for (key, inner) in self.nested(table) {
+            let place = self.places.get(inner);
+            if place.is_some_and(|place| place.0 == name && place.1 == key) {
+                let heading = format!("{heading}, keys of {key}");
+                let text = format!("{}\n", description(&self.definitions[inner]));
+                let keys = self.keys(inner, &format!("{key}."));
+                let name = nested_page(name, &key);
+                pages.extend(short_pages(&name, &heading, &text, keys));
             }
         }
-        page
+        pages
     }
 
-    /// Adds a section for each key of a table, required ones first.
-    fn add_keys(&self, page: &mut String, table: &str, prefix: &str) {
+    /// Returns a section for each key of a table, required ones first.
+    fn keys(&self, table: &str, prefix: &str) -> Vec<String> {
         let definition = &self.definitions[table];
         let required = |key: &str| {
             let keys = definition["required"].as_array().into_iter().flatten();
@@ -191,9 +192,9 @@ impl<'a> Reference<'a> {
         let mut keys: Vec<_> = properties(definition).collect();
         keys.sort_by_key(|(key, _)| !required(key));
         if keys.is_empty() {
-            *page += "\nIt has no keys: `{}`.\n";
+            return vec!["\nIt has no keys: `{}`.\n".to_owned()];
         }
-        for (key, entry) in keys {
+        let section = |(key, entry): (&String, &Value)| {
             let mut facts = vec![self.kind(entry)];
             let text = |name: &str| entry.get(name).and_then(Value::as_str);
             facts.extend(text("x-unit").map(|unit| format!("unit: {unit}")));
@@ -206,15 +207,18 @@ impl<'a> Reference<'a> {
             if required(key) {
                 facts.push("required".to_owned());
             }
-            *page += &format!("\n### `{prefix}{key}`\n\n*{}*\n\n", facts.join(" · "));
-            *page += &format!("{}\n", description(entry));
+            let facts = facts.join(" · ");
+            let about = description(entry);
+            let mut section = format!("\n### `{prefix}{key}`\n\n*{facts}*\n\n{about}\n");
             let examples = entry["examples"].as_array().into_iter().flatten();
             let examples: Vec<String> =
                 examples.map(|v| format!("`{key} = {}`", toml(v))).collect();
             if !examples.is_empty() {
-                *page += &format!("\nExample: {}\n", examples.join(", or "));
+                section += &format!("\nExample: {}\n", examples.join(", or "));
             }
-        }
+            section
+        };
+        keys.into_iter().map(section).collect()
     }
 
     /// The type of an entry in words.
@@ -224,10 +228,7 @@ impl<'a> Reference<'a> {
                 Some((page, heading)) if heading.starts_with('[') => {
                     format!("table as in [`{heading}`]({page}.md)")
                 }
-                Some((page, key)) => {
-                    let anchor = format!("keys-of-{}", key.to_lowercase());
-                    format!("[table]({page}.md#{anchor})")
-                }
+                Some((page, key)) => format!("[table]({}.md)", nested_page(page, key)),
                 None => self.kind(&self.definitions[name]),
             };
         }
@@ -287,6 +288,43 @@ impl<'a> Reference<'a> {
             _ => format!("list of: {item}"),
         }
     }
+}
+
+/// Longest page.
+const MOST_LINES: usize = 150;
+
+/// The name of the page of a table within another.
+fn nested_page(page: &str, key: &str) -> String {
+    format!("{page}-{}", key.to_lowercase())
+}
+
+/// Divides sections among pages of at most 150 lines, each with a link to the next.
+fn short_pages(
+    name: &str,
+    heading: &str,
+    begin: &str,
+    sections: Vec<String>,
+) -> Vec<(String, String)> {
+    let mut pages = vec![format!("# {heading}\n\n{GENERATED}\n{begin}")];
+    for section in sections {
+        let number = pages.len();
+        if let Some(page) = pages.last_mut() {
+            // The link takes two lines.
+            if page.lines().count() + section.lines().count() + 2 > MOST_LINES {
+                *page += &format!("\n[More keys]({name}-{}.md)\n", number + 1);
+                pages.push(format!("# {heading}, more keys\n\n{GENERATED}\n"));
+            }
+        }
+        if let Some(page) = pages.last_mut() {
+            *page += &section;
+        }
+    }
+    let file = |number: usize| match number {
+        0 => format!("scene/{name}.md"),
+        n => format!("scene/{name}-{}.md", n + 1),
+    };
+    let numbered = pages.into_iter().enumerate();
+    numbered.map(|(n, page)| (file(n), page)).collect()
 }
 
 fn properties(table: &Value) -> impl Iterator<Item = (&String, &Value)> {

@@ -334,7 +334,7 @@ fn compare(body: &Body, camera: &Camera, options: &PathOptions) -> [f64; 2] {
         let more = 1.0 + f64::from(REFERENCE_SAMPLES) / f64::from(samples);
         for k in 0..4 {
             let limit = 4.5 * errors[k] * more.sqrt();
-            assert!(errors[k] < 0.02 * b[k], "{errors:?} of {b:?}");
+            assert!(errors[k] < 0.03 * b[k], "{errors:?} of {b:?}");
             assert!(
                 (a[k] - b[k]).abs() < limit,
                 "{samples} samples, channel {k}: {a:?} for {b:?} ± {errors:?}"
@@ -404,14 +404,14 @@ fn paths_match_float64_paths_at_rest_bent_cut_and_from_inside() {
 fn same_seed_gives_the_same_picture_and_noise_ends_early() {
     let gpu = Gpu::new().unwrap();
     let body = Body::new("ball", 40, |s| s.x, soft());
-    let camera = Camera::fit_mesh_in(&body.mesh, [40, 30]);
+    let camera = Camera::fit_mesh_in(&body.mesh, [24, 18]);
     let mut caster = body.caster(&gpu);
     let options = PathOptions {
         samples: 4,
         ..PathOptions::default()
     };
     let [a, b] = [0; 2].map(|_| {
-        picture(&mut caster, &camera, [40, 30], &options)
+        picture(&mut caster, &camera, [24, 18], &options)
             .linear()
             .clone()
     });
@@ -419,7 +419,7 @@ fn same_seed_gives_the_same_picture_and_noise_ends_early() {
     let other = picture(
         &mut caster,
         &camera,
-        [40, 30],
+        [24, 18],
         &PathOptions {
             seed: 1,
             ..options.clone()
@@ -431,7 +431,7 @@ fn same_seed_gives_the_same_picture_and_noise_ends_early() {
         noise: Some(0.05),
         ..PathOptions::default()
     };
-    let found = picture(&mut caster, &camera, [40, 30], &noisy);
+    let found = picture(&mut caster, &camera, [24, 18], &noisy);
     assert!(
         found.samples() < 4096 && found.noise() <= 0.05,
         "{} {}",
@@ -444,14 +444,14 @@ fn same_seed_gives_the_same_picture_and_noise_ends_early() {
 fn filter_takes_noise_away() {
     let gpu = Gpu::new().unwrap();
     let body = Body::new("ball", 500, |s| s.x, white(40.0));
-    let camera = Camera::fit_mesh_in(&body.mesh, [64, 64]);
+    let camera = Camera::fit_mesh_in(&body.mesh, [32, 32]);
     let mut caster = body.caster(&gpu);
     let truth = picture(
         &mut caster,
         &camera,
-        [64, 64],
+        [32, 32],
         &PathOptions {
-            samples: 512,
+            samples: 256,
             ..PathOptions::default()
         },
     );
@@ -460,10 +460,10 @@ fn filter_takes_noise_away() {
         seed: 7,
         ..PathOptions::default()
     };
-    let noisy = picture(&mut caster, &camera, [64, 64], &few);
-    let mut filtered = caster.start_paths(&camera, [64, 64], (&few, &[])).unwrap();
+    let noisy = picture(&mut caster, &camera, [32, 32], &few);
+    let mut filtered = caster.start_paths(&camera, [32, 32], (&few, &[])).unwrap();
     filtered
-        .filter_by(caster.picture(&camera, [64, 64]).unwrap())
+        .filter_by(caster.picture(&camera, [32, 32]).unwrap())
         .unwrap();
     let clean = filtered.finish(&no_progress).unwrap();
     let [before, after] = [&noisy, &clean].map(|p| difference(p.linear(), truth.linear()));

@@ -10,6 +10,10 @@ use palpate::scene::{Motion, Scene, Stage};
 use std::sync::Arc;
 use web_time::Instant;
 
+/// Note for a scene with light paths.
+const LOCAL_LIGHT: &str =
+    "the window shows local light; palpate render draws the light paths of this scene";
+
 impl BodySession {
     /// Creates the session of `scene` with `mesh`, with a finger of `radius` or of a default
     /// radius.
@@ -87,6 +91,7 @@ impl BodySession {
                 .cloned()
                 .chain(press_notes)
                 .chain(pieces)
+                .chain(stage.draws_paths().then(|| LOCAL_LIGHT.into()))
                 .collect(),
             playing: stage.motion().is_some(),
             stage,
