@@ -65,7 +65,8 @@ const MIN_VIEW_COSINE: f64 = 0.35;
 pub struct PressOptions {
     /// Presses the boundary point nearest to this one, in file units.
     pub at: Option<DVec3>,
-    /// Presses the point visible at this pixel; by default at the centre of the image.
+    /// Presses the point visible at this pixel; by default at the centre of the image that shows the
+    /// whole body (`frame_all`).
     pub pick: Option<DVec2>,
     /// Radius of the fingertip, in file units.
     pub radius: Option<f64>,

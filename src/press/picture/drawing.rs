@@ -146,14 +146,17 @@ impl Subject<'_> {
         (finger, ink): (&Finger, [f32; 3]),
     ) {
         let small = size.map(|n| ((INSET * f64::from(n)) as u32).max(8));
+        // Below the title.
+        let place = INSET_PLACE.map(|share| (share * f64::from(size[1])) as u32);
+        if (0..2).any(|k| place[k] + small[k] > size[k]) {
+            return;
+        }
         let fine = small.map(|n| n * SAMPLES);
         let view = self.whole_view(layout, fine);
         let mut raster = Raster::new(fine);
         self.body.draw_boundary(&mut raster, &view, None);
         finger.draw(&mut raster, &view);
         let drawn = raster.lit(&view, None);
-        // Below the title.
-        let place = INSET_PLACE.map(|share| (share * f64::from(size[1])) as u32);
         for (y, x) in (0..small[1]).flat_map(|y| (0..small[0]).map(move |x| (y, x))) {
             let from = 4 * (y * small[0] + x) as usize;
             let to = 4 * ((y + place[1]) * size[0] + x + place[0]) as usize;

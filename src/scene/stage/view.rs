@@ -41,6 +41,20 @@ impl Stage {
         Ok(())
     }
 
+    /// Frames the whole body at rest as `frame_all` does, unless the scene sets the camera.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for an invalid camera.
+    pub(crate) fn frame_all(&mut self) -> Result<()> {
+        if self.scene.camera.is_unset() {
+            let mut scene = self.scene.clone();
+            scene.camera.frame_all = Some(true);
+            let mesh = self.mesh();
+            self.looks.camera = scene.camera(mesh, &mesh.nodes, self.looks.size)?;
+        }
+        Ok(())
+    }
+
     /// As [`Stage::fit_view`], with margin for an orbiting camera: see [`Camera::orbited`].
     ///
     /// # Errors
