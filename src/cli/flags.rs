@@ -1,6 +1,5 @@
 //! Flags shared by all commands that render; they override the values of a scene.
 
-pub use super::number_lists::{Pair, Six, Triple, pair, six, size, triple};
 use super::path_flags::{LightFlag, PathFlags};
 use super::refinement::AccuracyFlags;
 use super::volume_flag::{self, VolumeFlag};
@@ -11,6 +10,7 @@ use palpate::physics::{EngineChoice, MaterialModel};
 use palpate::render::Isosurface;
 use palpate::scene::{IsosurfaceEntry, MaterialEntry, PlaneEntry, ScanEntry, Scene, Unit};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// Flags of `render` and `simulate`; each overrides a value of the scene file.
 #[derive(Args, Clone, Debug, Default)]
@@ -49,12 +49,9 @@ pub struct SceneFlags {
     /// Select the ray traversal of tets: vertices or planes
     #[arg(long, value_name = "TRAVERSAL", help_heading = "Picture")]
     pub walk: Option<String>,
-    /// Set the background of a PNG or film: gradient, black, white or transparent [default: gradient]
+    /// Set the background of a PNG: black, white or transparent [default: black]
     #[arg(long, help_heading = "Picture")]
     pub background: Option<String>,
-    /// Set the boundaries of regions: smooth, or tets (along their faces) [default: smooth]
-    #[arg(long, help_heading = "Picture")]
-    pub boundaries: Option<String>,
     /// Set the light of the volume: head, none, a direction x,y,z towards it, or path for light that
     /// travels, with multiple scattering and soft shadows [default: head]
     #[arg(
@@ -167,9 +164,6 @@ pub struct SceneFlags {
     /// Set the vertical field of view, in degrees
     #[arg(long, help_heading = "Camera", conflicts_with = "orthographic")]
     pub fov: Option<f64>,
-    /// Frame the body around the centre of its bounds instead of filling the picture
-    #[arg(long, help_heading = "Camera")]
-    pub frame_all: bool,
     /// Use an orthographic camera with a view of this height, in the mesh's unit
     #[arg(long, help_heading = "Camera")]
     pub orthographic: Option<f64>,
@@ -296,7 +290,6 @@ impl SceneFlags {
         }
         override_with(self.fov, &mut camera.fov);
         override_with(self.orthographic, &mut camera.orthographic);
-        override_with(self.frame_all.then_some(true), &mut camera.frame_all);
     }
 
     /// Overrides the picture and what it shows, but for sections.
@@ -337,7 +330,6 @@ impl SceneFlags {
         override_with(given.mode, &mut picture.mode);
         override_with(given.walk, &mut picture.traversal);
         override_with(given.background, &mut picture.background);
-        override_with(given.boundaries, &mut picture.boundaries);
         picture.hide.extend(given.hide);
         override_with(given.quality, &mut picture.quality);
         override_with(given.layers, &mut picture.layers);
@@ -451,11 +443,61 @@ pub(super) fn override_with<T>(given: Option<T>, place: &mut Option<T>) {
     }
 }
 
+/// Two numbers separated by a comma, the smaller first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pair(pub [f64; 2]);
+
+fn pair(text: &str) -> Result<Pair, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.ok().map(<[f64; 2]>::try_from) {
+        Some(Ok([low, high])) if low < high && (high - low).is_finite() => Ok(Pair([low, high])),
+        _ => Err("expected two numbers LOW,HIGH, the smaller first".into()),
+    }
+}
+
+/// Three numbers separated by commas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triple(pub [f64; 3]);
+
+pub(super) fn triple(text: &str) -> Result<Triple, String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|t| f64::from_str(t.trim()).map_err(|_| format!("\"{t}\" is not a number")))
+        .collect::<Result<_, _>>()?;
+    match <[f64; 3]>::try_from(numbers) {
+        Ok(three) if three.iter().all(|x| x.is_finite()) => Ok(Triple(three)),
+        _ => Err("expected three finite numbers x,y,z".into()),
+    }
+}
+
+/// Six numbers separated by commas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Six(pub [f64; 6]);
+
+fn six(text: &str) -> Result<Six, String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    match numbers.ok().map(<[f64; 6]>::try_from) {
+        Some(Ok(six)) if six.iter().all(|x| x.is_finite()) => Ok(Six(six)),
+        _ => Err(
+            "expected six finite numbers: x,y,z,nx,ny,nz of a plane, x,y,z,x,y,z of a box".into(),
+        ),
+    }
+}
+
 fn axes(text: &str) -> Result<Axes, String> {
     match text {
         "xyz" => Ok(Axes::Xyz),
         "anatomical" => Ok(Axes::Anatomical),
         _ => Err("axes must be xyz (the default) or anatomical".into()),
+    }
+}
+
+pub fn size(text: &str) -> Result<[u32; 2], String> {
+    let expected = || "expected WIDTHxHEIGHT in pixels, such as 1024x768".to_owned();
+    let (width, height) = text.split_once(['x', 'X']).ok_or_else(expected)?;
+    match (width.trim().parse(), height.trim().parse()) {
+        (Ok(w), Ok(h)) if w > 0 && h > 0 => Ok([w, h]),
+        _ => Err(expected()),
     }
 }
 

@@ -15,7 +15,6 @@ mod frames;
 mod identify;
 mod info;
 mod mesh;
-mod number_lists;
 mod path_flags;
 mod presets;
 mod press;
