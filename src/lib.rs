@@ -29,6 +29,8 @@ pub mod physics;
 pub mod prelude;
 pub mod press;
 mod progress;
+#[cfg(any(feature = "study", test))]
+mod random;
 pub mod render;
 pub mod scene;
 pub mod skin;

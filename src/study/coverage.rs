@@ -1,9 +1,9 @@
 //! `study coverage`: whether the intervals of `palpate identify` hold the true values, for twins: bodies on
 //! another mesh whose displacements are measured with noise, from fixed seeds.
 
-use super::random::Random;
 use super::{Axis, Cell, Chart, Row, Run, Series, SeriesStyle};
 use crate::identify::{Experiment, IdentifyOptions, Unknown, identify, predicted};
+use crate::random::Random;
 use crate::scene::Scene;
 use crate::{Result, no_progress};
 use glam::DVec3;

@@ -18,7 +18,6 @@ mod motion;
 mod pareto;
 mod peers;
 mod pictures;
-mod random;
 pub mod reference_motion;
 mod refinement;
 mod run;

@@ -5,6 +5,7 @@
 use super::environment::SkyMap;
 use super::lobes::{self, SpecularAlbedo};
 use super::tone::linear;
+use crate::random::Random;
 use crate::render::AbsoluteTransferFunction;
 use glam::DVec3;
 use std::f64::consts::PI;
@@ -36,19 +37,6 @@ pub(super) struct ReferencePaths<'a> {
     pub anisotropy: f64,
     pub albedo: SpecularAlbedo,
     pub random: Random,
-}
-
-/// Random numbers: SplitMix64.
-pub(super) struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
 }
 
 /// What a place is made of.

@@ -2,11 +2,12 @@
 
 use super::environment::Environment;
 use super::lobes::SpecularAlbedo;
-use super::reference::{Random, ReferenceBody, ReferencePaths};
+use super::reference::{ReferenceBody, ReferencePaths};
 use super::*;
 use crate::generate;
 use crate::mesh::{LocalFrame, TetMesh, Topology};
 use crate::progress::no_progress;
+use crate::random::Random;
 use crate::render::{
     Geometry, Image, Light, Plane, PlaneKind, RaycastOptions, Sections, TransferFunction,
 };
@@ -43,6 +44,25 @@ impl Body {
             clips: Vec::new(),
             lit: true,
         }
+    }
+
+    /// Bends the body along its longest axis.
+    fn bent(mut self) -> Body {
+        let (low, high) = self.mesh.bounds();
+        for p in &mut self.nodes {
+            let share = (*p - low) / (high - low);
+            let turn = 0.8 * (share.x - 0.5);
+            let (s, c) = turn.sin_cos();
+            let middle = 0.5 * (low + high);
+            let q = *p - middle;
+            *p = middle
+                + DVec3::new(
+                    c * q.x - s * q.y,
+                    s * q.x + c * q.y + 0.3 * q.x * q.x / (high.x - low.x),
+                    q.z,
+                );
+        }
+        self
     }
 
     fn caster(&self, gpu: &Gpu) -> Raycaster {
@@ -132,7 +152,7 @@ impl Body {
                 roughness: options.roughness,
                 anisotropy: options.anisotropy,
                 albedo: SpecularAlbedo::new(options.roughness),
-                random: Random(1000 + y as u64),
+                random: Random::new(1000 + y as u64),
             };
             let (mut row, mut variances) = (Vec::new(), [0.0f64; 4]);
             for x in 0..size[0] {
@@ -246,11 +266,11 @@ fn white_body_vanishes_in_white_surroundings() {
             anisotropy,
             ..PathOptions::default()
         };
-        let camera = Camera::fit_mesh_in(&body.mesh, [32, 32]);
-        let found = picture(&mut body.caster(&gpu), &camera, [32, 32], &options);
+        let camera = Camera::fit_mesh_in(&body.mesh, [24, 24]);
+        let found = picture(&mut body.caster(&gpu), &camera, [24, 24], &options);
         assert_eq!(found.lost(), 0);
         let [r, _, _, opacity] = mean(found.linear());
-        // Light of 1 wherever there is a body; the noise of the mean is 0.1 %.
+        // Light of 1 wherever there is a body; the noise of the mean is 0.13 %.
         assert!(
             (r / opacity - 1.0).abs() < 0.005,
             "roughness {roughness}: {}",
@@ -297,13 +317,18 @@ const SIZE: [u32; 2] = [20, 20];
 /// Samples per pixel in float64.
 const REFERENCE_SAMPLES: u32 = 256;
 
-/// Compares with float64 paths: means of the picture, and the difference of pixels with few and with
-/// many samples.
-fn compare(body: &Body, camera: &Camera, options: &PathOptions) -> [f64; 2] {
+/// Compares with float64 paths, for each number of samples: means of the picture. Returns the
+/// differences of the pixels.
+fn compare<const N: usize>(
+    body: &Body,
+    camera: &Camera,
+    options: &PathOptions,
+    samples: [u32; N],
+) -> [f64; N] {
     let gpu = Gpu::new().unwrap();
     let mut caster = body.caster(&gpu);
     let (truth, errors) = body.reference(camera, SIZE, options, REFERENCE_SAMPLES);
-    [16, 256].map(|samples| {
+    samples.map(|samples| {
         let options = PathOptions {
             samples,
             ..options.clone()
@@ -315,7 +340,7 @@ fn compare(body: &Body, camera: &Camera, options: &PathOptions) -> [f64; 2] {
         let more = 1.0 + f64::from(REFERENCE_SAMPLES) / f64::from(samples);
         for k in 0..4 {
             let limit = 4.5 * errors[k] * more.sqrt();
-            assert!(errors[k] < 0.03 * b[k], "{errors:?} of {b:?}");
+            assert!(errors[k] < 0.03 * b[0], "{errors:?} of {b:?}");
             assert!(
                 (a[k] - b[k]).abs() < limit,
                 "{samples} samples, channel {k}: {a:?} for {b:?} ± {errors:?}"
@@ -326,7 +351,7 @@ fn compare(body: &Body, camera: &Camera, options: &PathOptions) -> [f64; 2] {
 }
 
 #[test]
-fn paths_match_float64_paths_and_a_wrong_medium_shows() {
+fn paths_match_float64_paths_at_rest_bent_cut_and_from_inside() {
     let options = PathOptions {
         environment: Environment::Studio,
         anisotropy: 0.4,
@@ -334,9 +359,37 @@ fn paths_match_float64_paths_and_a_wrong_medium_shows() {
     };
     let rest = Body::new("ball", 40, |s| s.x, soft());
     let camera = Camera::fit_mesh_in(&rest.mesh, SIZE);
-    let [few, many] = compare(&rest, &camera, &options);
+    let [few, many] = compare(&rest, &camera, &options, [16, 256]);
     // The noise of the pixels falls as 1/√n, to that of the reference.
     assert!(many < 0.75 * few, "{few} then {many}");
+    // Even light has less noise.
+    let even = PathOptions {
+        environment: Environment::White,
+        ..options.clone()
+    };
+    let bent = Body::new("bar", 60, |s| s.y, soft()).bent();
+    let camera = Camera::fit_mesh_in(&bent.mesh, SIZE);
+    compare(&bent, &camera, &even, [64]);
+    let (low, high) = rest.mesh.bounds();
+    let middle = 0.5 * (low + high);
+    let cut = Body {
+        clips: vec![Plane {
+            point: middle,
+            normal: DVec3::new(0.3, 0.2, 1.0),
+            at_rest: false,
+            kind: PlaneKind::Clip,
+        }],
+        ..Body::new("ball", 40, |s| s.x, soft())
+    };
+    let from_front = Camera::perspective(
+        middle + DVec3::new(0.4, 0.3, 3.0) * (high.z - low.z),
+        middle,
+        DVec3::Y,
+        30.0,
+    );
+    compare(&cut, &from_front, &even, [64]);
+    let inside = Camera::perspective(middle + 0.1 * (high - low), low, DVec3::Y, 60.0);
+    compare(&rest, &inside, &even, [64]);
     // A wrong medium must show.
     let wrong = Body {
         transfer: white(6.0),
@@ -382,12 +435,12 @@ fn same_seed_gives_the_same_picture_and_noise_ends_early() {
     assert_ne!(&a, other.linear());
     let noisy = PathOptions {
         samples: 4096,
-        noise: Some(0.05),
+        noise: Some(0.15),
         ..PathOptions::default()
     };
     let found = picture(&mut caster, &camera, [24, 18], &noisy);
     assert!(
-        found.samples() < 4096 && found.noise() <= 0.05,
+        found.samples() < 4096 && found.noise() <= 0.15,
         "{} {}",
         found.samples(),
         found.noise()
@@ -397,27 +450,24 @@ fn same_seed_gives_the_same_picture_and_noise_ends_early() {
 #[test]
 fn filter_takes_noise_away() {
     let gpu = Gpu::new().unwrap();
-    let body = Body::new("ball", 500, |s| s.x, white(40.0));
-    let camera = Camera::fit_mesh_in(&body.mesh, [32, 32]);
+    let body = Body::new("ball", 300, |s| s.x, soft());
+    let size = [32, 32];
+    let camera = Camera::fit_mesh_in(&body.mesh, size);
     let mut caster = body.caster(&gpu);
-    let truth = picture(
-        &mut caster,
-        &camera,
-        [32, 32],
-        &PathOptions {
-            samples: 256,
-            ..PathOptions::default()
-        },
-    );
+    let many = PathOptions {
+        samples: 128,
+        ..PathOptions::default()
+    };
+    let truth = picture(&mut caster, &camera, size, &many);
     let few = PathOptions {
-        samples: 8,
+        samples: 4,
         seed: 7,
         ..PathOptions::default()
     };
-    let noisy = picture(&mut caster, &camera, [32, 32], &few);
-    let mut filtered = caster.start_paths(&camera, [32, 32], (&few, &[])).unwrap();
+    let noisy = picture(&mut caster, &camera, size, &few);
+    let mut filtered = caster.start_paths(&camera, size, (&few, &[])).unwrap();
     filtered
-        .filter_by(caster.picture(&camera, [32, 32]).unwrap())
+        .filter_by(caster.picture(&camera, size).unwrap())
         .unwrap();
     let clean = filtered.finish(&no_progress).unwrap();
     let [before, after] = [&noisy, &clean].map(|p| difference(p.linear(), truth.linear()));

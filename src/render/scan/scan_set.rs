@@ -230,35 +230,11 @@ impl ScanSet {
         first: usize,
         row: &(dyn Fn(usize) -> usize + Sync),
     ) -> Vec<f64> {
-        let of_scans = self.row_of_scans(first);
-        let all = self.scans.iter().zip(&self.parts);
-        let looks: Vec<_> = all
-            .map(|(scan, part)| part.looks(&scan.appearance))
-            .collect();
+        let in_tet = self.extinctions(rows, first);
         parallel::map(self.tets, |t| {
-            let of_scan = |(k, part): (usize, &ScanData)| {
-                let Some([low, high]) = part.of_tets[t] else {
-                    return 0.0;
-                };
-                if part.numbered.is_some() {
-                    let numbers = LabelIndex::from_texel(low)..=LabelIndex::from_texel(high);
-                    let shown = looks[k][numbers].iter().map(|look| look.extinction);
-                    return shown.fold(0.0, f64::max);
-                }
-                let TableRow {
-                    transfer, range, ..
-                } = &rows[match k {
-                    0 => row(t),
-                    k => of_scans[k],
-                }];
-                // Colours are interpolated between entries of a table.
-                let off = 2.0 * TABLE_ROUNDING * (range.1 - range.0)
-                    + TEXEL_ROUNDING * (part.ends.1 - part.ends.0);
-                let [low, high] = [part.value(low) - off, part.value(high) + off]
-                    .map(|v| v.clamp(range.0, range.1));
-                transfer.max_extinction_between(low, high)
-            };
-            self.parts.iter().enumerate().map(of_scan).sum()
+            // Colours are interpolated between the entries of a table, which widens the range.
+            let of_scan = |k: usize| in_tet(k, t, row(t), 2.0).map_or(0.0, |found| found.1);
+            (0..self.parts.len()).map(of_scan).sum()
         })
     }
 
@@ -272,37 +248,51 @@ impl ScanSet {
         row: &(dyn Fn(usize) -> usize + Sync),
         values: &[f64],
     ) -> Vec<bool> {
-        let of_scans = self.row_of_scans(first);
-        let looks: Vec<Vec<LabelAppearance>> = self
-            .scans
-            .iter()
-            .zip(&self.parts)
-            .map(|(scan, part)| part.looks(&scan.appearance))
-            .collect();
+        let in_tet = self.extinctions(rows, first);
         parallel::map(self.tets, |t| {
-            self.parts.iter().enumerate().all(|(k, part)| {
-                let Some([low, high]) = part.of_tets[t] else {
-                    return true;
-                };
-                if part.numbered.is_some() {
-                    let shown = |look: &LabelAppearance| look.extinction > 0.0;
-                    let numbers = LabelIndex::from_texel(low)..=LabelIndex::from_texel(high);
-                    return !looks[k][numbers].iter().any(shown);
+            (0..self.parts.len()).all(|k| match in_tet(k, t, row(t), 1.0) {
+                Some((range, extinction)) => {
+                    let met = |[low, high]: [f64; 2]| {
+                        k == 0 && values.iter().any(|v| (low..=high).contains(v))
+                    };
+                    !range.is_some_and(met) && extinction <= 0.0
                 }
-                let TableRow {
-                    transfer, range, ..
-                } = &rows[match k {
-                    0 => row(t),
-                    k => of_scans[k],
-                }];
-                let off = TABLE_ROUNDING * (range.1 - range.0)
-                    + TEXEL_ROUNDING * (part.ends.1 - part.ends.0);
-                let [low, high] = [part.value(low) - off, part.value(high) + off];
-                let met = k == 0 && values.iter().any(|v| (low..=high).contains(v));
-                let [low, high] = [low, high].map(|v| v.clamp(range.0, range.1));
-                !met && transfer.max_extinction_between(low, high) <= 0.0
+                None => true,
             })
         })
+    }
+
+    /// Returns a function of scan, tet, the tet's row and the rounding in units of that of a table:
+    /// the range of values in the tet (`None` for labels) and the largest extinction in it; `None`
+    /// where the scan does not cover it.
+    fn extinctions<'a>(
+        &'a self,
+        rows: &'a [TableRow],
+        first: usize,
+    ) -> impl Fn(usize, usize, usize, f64) -> Option<(Option<[f64; 2]>, f64)> + Sync + 'a {
+        let of_scans = self.row_of_scans(first);
+        let all = self.scans.iter().zip(&self.parts);
+        let looks: Vec<Vec<LabelAppearance>> = all
+            .map(|(scan, part)| part.looks(&scan.appearance))
+            .collect();
+        move |k, t, row, rounding| {
+            let part = &self.parts[k];
+            let [low, high] = part.of_tets[t]?;
+            if part.numbered.is_some() {
+                let numbers = LabelIndex::from_texel(low)..=LabelIndex::from_texel(high);
+                let shown = looks[k][numbers].iter().map(|look| look.extinction);
+                return Some((None, shown.fold(0.0, f64::max)));
+            }
+            let row = if k == 0 { row } else { of_scans[k] };
+            let TableRow {
+                transfer, range, ..
+            } = &rows[row];
+            let off = rounding * TABLE_ROUNDING * (range.1 - range.0)
+                + TEXEL_ROUNDING * (part.ends.1 - part.ends.0);
+            let values = [part.value(low) - off, part.value(high) + off];
+            let [low, high] = values.map(|v| v.clamp(range.0, range.1));
+            Some((Some(values), transfer.max_extinction_between(low, high)))
+        }
     }
 }
 

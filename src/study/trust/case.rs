@@ -2,8 +2,8 @@
 
 use crate::generate::by_name_with_progress;
 use crate::mesh::{ElementOrder, Field, Location, TetMesh};
+use crate::random::Random;
 use crate::scene::{OrderChoice, Scene};
-use crate::study::random::Random;
 use crate::{Result, no_progress};
 use glam::DVec3;
 

@@ -10,8 +10,8 @@ use crate::gpu::Gpu;
 use crate::mesh::{ElementOrder, TetMesh, Topology};
 use crate::physics::SolverKind;
 use crate::press::{Press, PressOptions};
+use crate::random::Random;
 use crate::scene::{Motion, Scene};
-use crate::study::random::Random;
 use crate::{Error, Result, no_progress};
 use glam::{DMat3, DVec3};
 

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 /// A sequence of random numbers (SplitMix64; Steele et al. 2014).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
     /// Returns the sequence of a seed.
