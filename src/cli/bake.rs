@@ -1,7 +1,7 @@
 //! `palpate bake COARSE FINE`: bakes the normal map of a fine surface for a coarse one.
 
 use super::mesh::write_report;
-use super::{Outcome, flags, print_json, print_notes};
+use super::{Outcome, flag_values, print_json, print_notes};
 use clap::Args;
 use palpate::mesh::TriMesh;
 use palpate::skin::{self, BakeReport};
@@ -19,7 +19,7 @@ pub struct BakeArguments {
     #[arg(long, short)]
     out: PathBuf,
     /// Set the size of the normal map in texels, WIDTHxHEIGHT
-    #[arg(long, default_value = "1024x1024", value_parser = flags::size)]
+    #[arg(long, default_value = "1024x1024", value_parser = flag_values::size)]
     size: [u32; 2],
     /// Write the coverage report as JSON
     #[arg(long)]

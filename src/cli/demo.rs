@@ -40,7 +40,7 @@ pub struct DemoArguments {
     #[arg(long, default_value_t = 24)]
     frames: u32,
     /// Set the picture size in pixels, WIDTHxHEIGHT
-    #[arg(long, default_value = "800x600", value_parser = super::flags::size)]
+    #[arg(long, default_value = "800x600", value_parser = super::flag_values::size)]
     size: [u32; 2],
     /// Print the report on standard output as JSON
     #[arg(long)]

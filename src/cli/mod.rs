@@ -9,6 +9,7 @@ mod convert;
 mod demo;
 mod driver;
 mod film;
+mod flag_values;
 mod flags;
 mod frames;
 #[cfg(feature = "identify")]

@@ -1,6 +1,7 @@
 //! `palpate press`: indents a body with a fingertip at one point or on a grid.
 
-use super::flags::{SceneFlags, Triple, triple};
+use super::flag_values::{Triple, triple};
+use super::flags::SceneFlags;
 use super::{Outcome, press_map, print_json, progress, refinement};
 use clap::Args;
 use glam::{DVec2, DVec3};
@@ -49,7 +50,7 @@ pub struct PressArguments {
     force: Option<f64>,
     /// Press on a grid of points from above instead, and write map.csv and map.png; resumes an
     /// interrupted map
-    #[arg(long, value_name = "NxM", value_parser = super::flags::size, conflicts_with_all = ["at", "pick", "force"])]
+    #[arg(long, value_name = "NxM", value_parser = super::flag_values::size, conflicts_with_all = ["at", "pick", "force"])]
     map: Option<[u32; 2]>,
     /// Leave out the error estimate, which takes two to four times as long as the steps of the press
     #[arg(long)]
