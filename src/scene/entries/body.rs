@@ -37,7 +37,7 @@ pub struct MeshSource {
     /// the same purpose.
     #[cfg_attr(feature = "cli", schemars(extend("examples" = ["rest.vtu"])))]
     pub rest: Option<PathBuf>,
-    /// Name of a generator, instead of a file; see [`GENERATORS`](crate::generate::GENERATORS).
+    /// Name of a generator, which makes a simple body, instead of a file.
     #[serde(default, deserialize_with = "keywords::generator")]
     #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::generator", extend("examples" = ["limb"])))]
     pub generate: Option<String>,

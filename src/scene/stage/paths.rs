@@ -56,7 +56,7 @@ impl Stage {
         let lost = match report.lost {
             0 => String::new(),
             n => format!(
-                "; {n} paths were given up, as in inverted tets, so the picture may be too dark there"
+                "; paths given up: {n}, as in inverted tets, where the picture may be too dark"
             ),
         };
         Some(format!(
