@@ -39,8 +39,12 @@ impl Question {
         let mut still = Stage::with_mesh(gpu, &still, mesh)?;
         let mesh = still.mesh().clone();
         let boundary = Boundary::new(&mesh, &Topology::new(&mesh), &mesh.nodes);
-        let site = site::find_site(&mut still, &boundary, wanted, setup.radius)?;
         let camera = *still.camera_mut();
+        if wanted.pick.is_none() {
+            // The default site is part of the measurement: it must not follow the framing.
+            still.frame_all()?;
+        }
+        let site = site::find_site(&mut still, &boundary, wanted, setup.radius)?;
         drop(still);
         if setup
             .table
