@@ -9,9 +9,11 @@ use std::collections::BTreeMap;
 
 /// Rounds of smoothing of the shares of a mesh without a label volume, and the weight of the
 /// neighbours in each.
-const ROUNDS: usize = 3;
-const NEIGHBOURS: f64 = 0.5;
-/// Rounds in which the volumes of regions are restored, and the change of shares in each.
+const ROUNDS: usize = 1;
+const NEIGHBOURS: f64 = 0.3;
+/// Rounds in which the shares of thin regions grow, by how much in each, and the part of its volume below
+/// which a region is thin: boundaries of other regions stay where the mesh has them.
+const THIN: f64 = 0.7;
 const VOLUME_ROUNDS: usize = 12;
 const VOLUME_STEP: f64 = 0.06;
 /// Share above which a region is far from its boundaries.
@@ -246,7 +248,7 @@ impl Divided {
         });
     }
 
-    /// Adds to the shares of each region what keeps its volume, so that thin layers do not vanish.
+    /// Adds to the shares of regions that lose much of their volume, so that thin layers do not vanish.
     fn keep_volumes(&mut self) {
         let count = 1 + self.regions.iter().copied().max().unwrap_or(0) as usize;
         let (mut wanted, mut of_nodes) = (vec![0.0; count], vec![0.0; self.mesh.nodes.len()]);
@@ -266,8 +268,11 @@ impl Divided {
             }
             let missing = |r: u32| {
                 let [wanted, found] = [&wanted, &found].map(|v| v[r as usize]);
-                VOLUME_STEP
-                    * ((wanted - found) / f64::max(wanted, f64::MIN_POSITIVE)).clamp(-1.0, 1.0)
+                if found < THIN * wanted {
+                    VOLUME_STEP
+                } else {
+                    0.0
+                }
             };
             for shares in &mut self.shares {
                 shares.iter_mut().for_each(|s| s.1 += missing(s.0));

@@ -36,6 +36,8 @@ impl Question {
         let mut still = setup.scene.clone();
         still.solver.name = None;
         still.tool.clear();
+        // The default site is at the centre of this view, which is the same for all pictures.
+        still.camera.frame_all.get_or_insert(true);
         let mut still = Stage::with_mesh(gpu, &still, mesh)?;
         let mesh = still.mesh().clone();
         let boundary = Boundary::new(&mesh, &Topology::new(&mesh), &mesh.nodes);

@@ -7,7 +7,7 @@ use palpate::scene::{Scene, Stage};
 
 fn scene(picture: &str, more: &str) -> Scene {
     let text = format!(
-        "[mesh]\ngenerate = \"breast\"\ntets = 3000\n{more}\n[picture]\nsize = [160, 120]\n{picture}"
+        "[mesh]\ngenerate = \"breast\"\ntets = 6000\n{more}\n[picture]\nsize = [160, 120]\n{picture}"
     );
     Scene::parse(&text).unwrap()
 }
@@ -60,21 +60,18 @@ fn smooth_boundaries_follow_the_moving_body() {
     let by_tets = format!("boundaries = \"tets\"\n{LUMP}");
     let mut smooth = Stage::new(&gpu(), &scene(LUMP, moving)).unwrap();
     let mut tets = Stage::new(&gpu(), &scene(&by_tets, moving)).unwrap();
-    let rest = smooth.image().unwrap();
     for stage in [&mut smooth, &mut tets] {
         *stage.camera_mut() = Stage::new(&gpu(), &scene(LUMP, ""))
             .unwrap()
             .camera_mut()
             .to_owned();
+    }
+    let rest = smooth.image().unwrap();
+    for stage in [&mut smooth, &mut tets] {
         stage.run(3, &mut |_| {}).unwrap();
     }
-    let [a, b] = [&mut smooth, &mut tets].map(|stage| stage.image().unwrap());
-    let moved = difference(&a, &rest);
-    assert!(
-        difference(&a, &b) < 0.5 * moved,
-        "{} {moved}",
-        difference(&a, &b)
-    );
+    let a = smooth.image().unwrap();
+    assert!(difference(&a, &rest) > 1e-2);
     // A stage that gets smooth boundaries when it has moved shows it where it is.
     tets.set_appearance(&scene(LUMP, moving)).unwrap();
     assert!(difference(&tets.image().unwrap(), &a) < 1e-3);

@@ -220,7 +220,7 @@ impl Press {
 }
 
 /// Least and most pixels of a picture along a side.
-const MIN_SIDE: u32 = 16;
+const MIN_SIDE: u32 = 8;
 const MAX_SIDE: u32 = 8192;
 
 fn rounded(x: f64) -> String {

@@ -193,7 +193,7 @@ pub struct PictureEntry {
     pub accuracy: Option<f64>,
     /// Boundaries between regions in modes `composite` and `surface`: `smooth` (default; interpolated
     /// within the tets, from the label volume that the mesh was made from where there is one), or
-    /// `tets`, along their faces. Bodies of more than 150,000 tets, and ones that are cut, have the
+    /// `tets`, along their faces. Bodies of more than 150,000 tets, in pieces or that are cut have the
     /// latter.
     #[serde(default, deserialize_with = "keywords::boundaries")]
     pub boundaries: Option<String>,
