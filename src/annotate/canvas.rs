@@ -21,7 +21,7 @@ pub(super) const CAP_HEIGHT: f32 = 0.714;
 
 /// Horizontal anchor of a line of text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Anchor {
+pub(crate) enum Anchor {
     Start,
     Middle,
     End,

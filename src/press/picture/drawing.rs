@@ -4,7 +4,7 @@
 use super::body::{Body, Cut, Isolines};
 use super::finger::Finger;
 use super::overlay::Pen;
-use super::raster::{Raster, SAMPLES, Shadow};
+use super::raster::{Kind, Raster, SAMPLES, Shadow};
 use super::view::View;
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -21,10 +21,12 @@ const BENEATH: [f64; 2] = [2.2, 6.5];
 const INSET: f64 = 0.27;
 /// Distance of the mark of the depth from the middle of the fingertip, in radii.
 const MARK_ASIDE: f64 = 1.35;
+/// Steps on the way down from the fingertip on which isolines are looked for.
+const CROSSING_STEPS: u32 = 600;
 /// Left upper corner of the inset relative to the height of the picture.
 const INSET_PLACE: [f64; 2] = [0.02, 0.075];
 /// Colour of the outline at rest.
-const REST_INK: [f32; 3] = [0.10, 0.16, 0.30];
+pub(super) const REST_INK: [f32; 3] = [0.10, 0.16, 0.30];
 
 /// A press to be drawn; lengths in file units.
 pub(super) struct Subject<'a> {
@@ -44,8 +46,11 @@ pub(super) struct Subject<'a> {
 /// Where things are in a drawn picture.
 pub(super) struct Layout {
     pub view: View,
-    /// Surface at rest and lowest point of the fingertip beside it, in pixels.
+    /// Surface at rest and lowest point of the fingertip: beside it, and below its middle, in pixels.
     pub depth_mark: [[f64; 2]; 2],
+    pub tip: [[f64; 2]; 2],
+    /// Isolines below the fingertip, by their number, and their places in pixels.
+    pub crossings: Vec<(u16, [f64; 2])>,
     /// Regions seen on the cut face.
     pub regions: BTreeSet<u16>,
 }
@@ -122,20 +127,48 @@ impl Subject<'_> {
         pen.dashed(&outline, 9.0 * scale);
         let layout = Layout {
             view,
-            depth_mark: self.depth_mark().map(place),
+            depth_mark: self.depth_mark(MARK_ASIDE * self.radius).map(place),
+            tip: self.depth_mark(0.0).map(place),
+            crossings: self.crossings(&raster, &view),
             regions: raster.regions(),
         };
         self.draw_inset((&mut pixels, size), &layout, (&finger, ink));
         (pixels, layout)
     }
 
-    /// Returns two points beside the fingertip in the plane of the cut: at the height of the surface
-    /// at rest, and of the lowest point of the fingertip.
-    fn depth_mark(&self) -> [DVec3; 2] {
+    /// Returns two points in the plane of the cut, `aside` from the middle of the fingertip: at the
+    /// height of the surface at rest, and of the lowest point of the fingertip.
+    fn depth_mark(&self, aside: f64) -> [DVec3; 2] {
         let facing = self.facing();
-        let beside = -MARK_ASIDE * self.radius * self.outward.cross(facing);
+        let beside = -aside * self.outward.cross(facing);
         let lowest = self.centre - self.radius * self.outward;
         [self.site, lowest].map(|p| p + beside + 0.02 * self.radius * facing)
+    }
+
+    /// Returns the isolines that a straight way from the fingertip down crosses one by one.
+    fn crossings(&self, raster: &Raster, view: &View) -> Vec<(u16, [f64; 2])> {
+        let [_, start] = self.depth_mark(0.0);
+        let way = -self.thickness * self.outward;
+        let mut found = Vec::new();
+        let mut last = None;
+        for step in 1..=CROSSING_STEPS {
+            let at = view.project(start + f64::from(step) / f64::from(CROSSING_STEPS) * way);
+            let inside = |k: usize| (0.0..f64::from(raster.size[k])).contains(&[at.x, at.y][k]);
+            let band = match (inside(0) && inside(1)).then(|| raster.kind(at.x as u32, at.y as u32))
+            {
+                Some(Kind::Cut(_, band)) => Some(band),
+                _ => None,
+            };
+            if let (Some(before), Some(now)) = (last, band) {
+                // Stress jumps between regions: there is no line to be named.
+                if u16::abs_diff(before, now) == 1 {
+                    let pixel = [at.x, at.y].map(|x| x / f64::from(SAMPLES));
+                    found.push((before.max(now), pixel));
+                }
+            }
+            last = band;
+        }
+        found
     }
 
     /// Draws the whole body, uncut, into the upper left corner, with a frame around what is shown.

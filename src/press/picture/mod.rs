@@ -4,23 +4,24 @@
 mod body;
 mod drawing;
 mod finger;
+mod marks;
 mod overlay;
 mod raster;
 mod view;
 
 use super::session::{not_placed, static_body};
 use super::{Press, PressSample};
-use crate::annotate::{Annotations, Legend, ScaleBar, Swatch, draw_labels};
+use crate::annotate::{Annotations, Legend, ScaleBar, Swatch};
 use crate::mesh::{SmoothRegions, Topology};
 use crate::number_format::significant;
 use crate::physics::BodyField;
-use crate::render::{Background, Camera, Image, named_colour, tissue_colour};
+use crate::render::{Camera, Image, named_colour, tissue_colour};
 use crate::scene::{Scene, Stage};
 use crate::{Error, Result};
 use body::{Body, Isolines};
 use drawing::{FOV, Layout, Subject};
 use glam::DVec3;
-use overlay::Pen;
+use marks::Marks;
 use std::collections::BTreeMap;
 
 /// Colour of the boundary, and of the inside of a body without regions.
@@ -164,13 +165,17 @@ impl Press {
             channels: 4,
             values,
         };
-        let depth = state
-            .sample
-            .map(|sample| sample.depth_m)
-            .filter(|d| *d > 0.0);
-        if let Some(depth) = depth {
-            mark_depth(&mut image, &layout, depth, background)?;
-        }
+        let depth = state.sample.map(|sample| sample.depth_m);
+        let marks = Marks {
+            layout: &layout,
+            depth_m: depth.filter(|d| *d > 0.0),
+            spacing: state
+                .values
+                .as_ref()
+                .zip(spacing)
+                .map(|((field, _), spacing)| self.shown(*field).1 * spacing),
+        };
+        marks.draw(&mut image, background)?;
         let unit = self.stage.motion().map(crate::scene::Motion::length_unit);
         let annotations = Annotations {
             title: Some(self.title(state, spacing)),
@@ -193,29 +198,32 @@ impl Press {
                 .filter(|_| sample.depth_m >= deepest);
             let force = match error {
                 Some(error) => format!("{} ± {} N", rounded(sample.force_n), two_digits(error)),
-                None => format!("{} N", rounded(sample.force_n)),
+                None => format!("{} N (± not estimated)", rounded(sample.force_n)),
             };
             format!("{force} at {} mm", rounded(1e3 * sample.depth_m.max(0.0)))
         });
         let mut title = force.unwrap_or_else(|| "at rest".into());
         if let (Some((field, _)), Some(spacing)) = (&state.values, spacing) {
-            let (name, scale, unit) = match field {
-                BodyField::Displacement => {
-                    let unit = self
-                        .stage
-                        .motion()
-                        .map_or(1.0, crate::scene::Motion::length_unit);
-                    ("displacement", 1e3 * unit, "mm")
-                }
-                BodyField::VonMises => ("von Mises stress", 1e-3, "kPa"),
-                other => (other.name(), 1.0, other.unit()),
-            };
+            let (name, scale, unit) = self.shown(*field);
             title += &format!(
                 "; lines every {} {unit} of {name}",
                 rounded(scale * spacing)
             );
         }
         title
+    }
+
+    /// Returns the name of a field, its scale to the displayed unit, and that unit.
+    fn shown(&self, field: BodyField) -> (&'static str, f64, &'static str) {
+        match field {
+            BodyField::Displacement => {
+                let motion = self.stage.motion();
+                let unit = motion.map_or(1.0, crate::scene::Motion::length_unit);
+                ("displacement", 1e3 * unit, "mm")
+            }
+            BodyField::VonMises => ("von Mises stress", 1e-3, "kPa"),
+            other => (other.name(), 1.0, other.unit()),
+        }
     }
 }
 
@@ -251,42 +259,6 @@ fn spacing(values: &[f64]) -> f64 {
     let power = 10f64.powf(wanted.log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|s| s * power);
     steps.into_iter().find(|s| *s >= wanted).unwrap_or(wanted)
-}
-
-/// Draws the depth as a bar between the surface at rest and the lowest point of the fingertip.
-fn mark_depth(
-    image: &mut Image,
-    layout: &Layout,
-    depth: f64,
-    background: Background,
-) -> Result<()> {
-    let [rest, lowest] = layout.depth_mark;
-    let size = image.size;
-    let scale = f64::from(size[1]) / 768.0;
-    let long = f64::hypot(lowest[0] - rest[0], lowest[1] - rest[1]);
-    if long < 2.0 * scale {
-        return Ok(());
-    }
-    let along = [(lowest[0] - rest[0]) / long, (lowest[1] - rest[1]) / long];
-    let across = [-along[1], along[0]];
-    let mut pen = Pen {
-        pixels: &mut image.values,
-        size,
-        colour: [0.78, 0.10, 0.08],
-        opacity: 1.0,
-        width: (2.6 * scale) as f32,
-    };
-    pen.line(rest, lowest);
-    for end in [rest, lowest] {
-        let tick = |side: f64| [0, 1].map(|k| end[k] + side * 8.0 * scale * across[k]);
-        pen.line(tick(-1.0), tick(1.0));
-    }
-    let at = [
-        rest[0].min(lowest[0]) - 14.0 * scale,
-        0.5 * (rest[1] + lowest[1]) + 7.0 * scale,
-    ];
-    let words = format!("{} mm", rounded(1e3 * depth));
-    draw_labels(image, background, &[(words, at.map(|x| x as f32))])
 }
 
 impl PressedBody {
@@ -369,9 +341,14 @@ impl PressedBody {
                 colour: self.colours[r].map(f64::from),
             })
             .collect();
+        let has_skin = self.names.iter().any(|name| name.contains("skin"));
+        let surface = self.skin.filter(|_| !has_skin).map(|colour| Swatch {
+            name: "surface".into(),
+            colour: colour.map(f64::from),
+        });
         (self.names.len() > 1 && !regions.is_empty()).then(|| Legend::Regions {
             name: "beneath".into(),
-            regions,
+            regions: regions.into_iter().chain(surface).collect(),
         })
     }
 }
