@@ -39,7 +39,6 @@ mod cage;
 mod checkpoint;
 mod computed_field;
 mod default_load;
-mod drawn_mesh;
 mod dynamic_tools;
 mod element_order;
 mod entries;

@@ -22,8 +22,7 @@ fn limb() -> TetMesh {
 /// Returns the scene of a small picture with these entries.
 fn scene(picture: &str) -> Scene {
     Scene::parse_in(
-        // Pieces have the boundaries of their tets.
-        &format!("[picture]\nsize = [150, 110]\nboundaries = \"tets\"\n{picture}"),
+        &format!("[picture]\nsize = [150, 110]\n{picture}"),
         Path::new("."),
     )
     .unwrap()

@@ -67,7 +67,6 @@ impl PressMap {
             up: Some(up.to_array()),
             fov: None,
             orthographic: Some(height),
-            frame_all: None,
         }
     }
 

@@ -164,8 +164,6 @@ fn draws_moves_and_reports(mesh: &str, unit: &str, steps: &str) {
         unit,
         "--repeat",
         "2",
-        "--background",
-        "black",
         "--report",
         text(&report),
     ]));
