@@ -262,14 +262,13 @@ impl ScanSet {
         })
     }
 
-    /// Returns a function of scan, tet, the tet's row and the rounding in units of that of a table:
-    /// the range of values in the tet (`None` for labels) and the largest extinction in it; `None`
-    /// where the scan does not cover it.
+    /// Returns a function of scan, tet, the tet's row and the rounding in units of that of a table,
+    /// which returns `None` where the scan does not cover the tet.
     fn extinctions<'a>(
         &'a self,
         rows: &'a [TableRow],
         first: usize,
-    ) -> impl Fn(usize, usize, usize, f64) -> Option<(Option<[f64; 2]>, f64)> + Sync + 'a {
+    ) -> impl Fn(usize, usize, usize, f64) -> Option<RangeAndExtinction> + Sync + 'a {
         let of_scans = self.row_of_scans(first);
         let all = self.scans.iter().zip(&self.parts);
         let looks: Vec<Vec<LabelAppearance>> = all
@@ -295,6 +294,9 @@ impl ScanSet {
         }
     }
 }
+
+/// Range of values of a scan in a tet, `None` for labels, and the largest extinction in it.
+type RangeAndExtinction = (Option<[f64; 2]>, f64);
 
 impl ScanData {
     fn new(scan: &Scan, texels: Texels, mesh: &TetMesh) -> ScanData {
