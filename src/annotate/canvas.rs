@@ -21,7 +21,7 @@ pub(super) const CAP_HEIGHT: f32 = 0.714;
 
 /// Horizontal anchor of a line of text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Anchor {
+pub(crate) enum Anchor {
     Start,
     Middle,
     End,
@@ -60,9 +60,9 @@ impl Canvas {
         let font = FontRef::try_from_slice(notosans::REGULAR_TTF)
             .map_err(|e| Error::Input(format!("cannot read the annotation font: {e}")))?;
         let (light, dark) = ([0.96; 3], [0.06; 3]);
-        let (ink, rim) = match background {
-            Background::White => (dark, [1.0; 3]),
-            Background::Black | Background::Transparent => (light, [0.0; 3]),
+        let (ink, rim) = match background.is_light() {
+            true => (dark, [1.0; 3]),
+            false => (light, [0.0; 3]),
         };
         Ok(Canvas {
             pixmap,

@@ -7,14 +7,17 @@
 mod axes;
 mod canvas;
 mod heading;
+mod labels;
 mod legend;
 mod numbers;
 mod preset_sheet;
 mod scale_bar;
 
 pub use axes::Axes;
+pub(crate) use canvas::Anchor;
 pub(crate) use canvas::missing_letters;
 pub use heading::FrameTime;
+pub(crate) use labels::{Label, draw_labels};
 pub use legend::{BarColours, ColourBar, Legend, Swatch};
 pub use preset_sheet::preset_sheet;
 pub use scale_bar::ScaleBar;

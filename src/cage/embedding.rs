@@ -99,6 +99,11 @@ impl Embedding {
         &self.nodes
     }
 
+    /// Makes the next [`Embedding::record_update`] update the nodes in any case.
+    pub(crate) fn invalidate(&mut self) {
+        self.carried = u64::MAX;
+    }
+
     /// Returns the number of fine nodes outside of the coarse mesh, whose weights are not all from
     /// 0 to 1.
     pub fn outside(&self) -> usize {

@@ -98,7 +98,12 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
         "pressing on a breast with a lump, until the force is within {} %",
         100.0 * PRESS_SHARE
     )]);
-    let report = super::press::press(gpu, &scene, &PressOptions::default(), (&pressed, true))?;
+    let report = super::press::press(
+        gpu,
+        (&scene, super::press::PressView::default()),
+        &PressOptions::default(),
+        (&pressed, true),
+    )?;
     print_notes(report.missed.as_slice());
     if arguments.json {
         print_json(&json!({
@@ -120,7 +125,7 @@ fn save_film(path: &std::path::Path, pictures: &[Image]) -> Result<()> {
     let mut film = Animation::create(path, first.size, FPS)?;
     let back = pictures.iter().rev().skip(1);
     for picture in pictures.iter().chain(back) {
-        film.push(picture, Background::Black)?;
+        film.push(picture, Background::Gradient)?;
     }
     film.finish()
 }

@@ -49,9 +49,12 @@ pub struct SceneFlags {
     /// Select the ray traversal of tets: vertices or planes
     #[arg(long, value_name = "TRAVERSAL", help_heading = "Picture")]
     pub walk: Option<String>,
-    /// Set the background of a PNG: black, white or transparent [default: black]
+    /// Set the background of a PNG or film: gradient, black, white or transparent [default: gradient]
     #[arg(long, help_heading = "Picture")]
     pub background: Option<String>,
+    /// Set the boundaries of regions: smooth, or tets (along their faces) [default: smooth]
+    #[arg(long, help_heading = "Picture")]
+    pub boundaries: Option<String>,
     /// Set the light of the volume: head, none, a direction x,y,z towards it, or path for light that
     /// travels, with multiple scattering and soft shadows [default: head]
     #[arg(
@@ -164,6 +167,9 @@ pub struct SceneFlags {
     /// Set the vertical field of view, in degrees
     #[arg(long, help_heading = "Camera", conflicts_with = "orthographic")]
     pub fov: Option<f64>,
+    /// Frame the body around the centre of its bounds instead of filling the picture
+    #[arg(long, help_heading = "Camera")]
+    pub frame_all: bool,
     /// Use an orthographic camera with a view of this height, in the mesh's unit
     #[arg(long, help_heading = "Camera")]
     pub orthographic: Option<f64>,
@@ -290,6 +296,7 @@ impl SceneFlags {
         }
         override_with(self.fov, &mut camera.fov);
         override_with(self.orthographic, &mut camera.orthographic);
+        override_with(self.frame_all.then_some(true), &mut camera.frame_all);
     }
 
     /// Overrides the picture and what it shows, but for sections.
@@ -330,6 +337,7 @@ impl SceneFlags {
         override_with(given.mode, &mut picture.mode);
         override_with(given.walk, &mut picture.traversal);
         override_with(given.background, &mut picture.background);
+        override_with(given.boundaries, &mut picture.boundaries);
         picture.hide.extend(given.hide);
         override_with(given.quality, &mut picture.quality);
         override_with(given.layers, &mut picture.layers);

@@ -9,8 +9,9 @@ use palpate::accuracy::{ErrorParts, Round};
 use palpate::gpu::Gpu;
 use palpate::io::{PvdSeries, atomic_write};
 use palpate::number_format::significant;
+use palpate::physics::BodyField;
 use palpate::press::{MapOptions, Press, PressOptions, PressReport};
-use palpate::render::{Animation, Background, Image};
+use palpate::render::{Animation, Background, BitDepth, Image};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
 use std::io::Write;
@@ -22,6 +23,9 @@ const FPS: f64 = 12.0;
 
 /// Frame rate of the film of the meshes, 1/s.
 const ROUNDS_PER_SECOND: f64 = 1.0;
+
+/// Largest width of press.gif, in pixels.
+const FILM_WIDTH: u32 = 640;
 
 /// Arguments of `press`.
 #[derive(Args)]
@@ -52,6 +56,14 @@ pub struct PressArguments {
     /// interrupted map
     #[arg(long, value_name = "NxM", value_parser = super::flag_values::size, conflicts_with_all = ["at", "pick", "force"])]
     map: Option<[u32; 2]>,
+    /// Draw isolines on the cut face of pressed.png and press.gif: of displacement, or of the von Mises
+    /// stress
+    #[arg(long, value_name = "FIELD", value_parser = shown)]
+    show: Option<BodyField>,
+    /// Draw pressed.png and press.gif as rest.png, with the camera and mode of the scene, and the
+    /// fingertip as a ball
+    #[arg(long, conflicts_with = "show")]
+    scene_view: bool,
     /// Leave out the error estimate, which takes two to four times as long as the steps of the press
     #[arg(long)]
     no_error: bool,
@@ -60,6 +72,23 @@ pub struct PressArguments {
     json: bool,
     #[command(flatten)]
     scene: SceneFlags,
+}
+
+fn shown(text: &str) -> std::result::Result<BodyField, String> {
+    match text {
+        "displacement" => Ok(BodyField::Displacement),
+        "stress" => Ok(BodyField::VonMises),
+        _ => Err(format!("expected displacement or stress, got \"{text}\"")),
+    }
+}
+
+/// How a press is drawn.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PressView {
+    /// Isolines on the cut face.
+    pub show: Option<BodyField>,
+    /// Draws with the camera of the scene, and the fingertip as a ball.
+    pub scene_view: bool,
 }
 
 /// Two numbers with a comma between.
@@ -104,7 +133,11 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
         depth: arguments.depth,
         force: arguments.force,
     };
-    let report = press(gpu, &scene, &wanted, (out, !arguments.no_error))?;
+    let view = PressView {
+        show: arguments.show,
+        scene_view: arguments.scene_view,
+    };
+    let report = press(gpu, (&scene, view), &wanted, (out, !arguments.no_error))?;
     if arguments.json {
         print_json(&report)?;
     }
@@ -126,7 +159,7 @@ pub fn check(report: &PressReport) -> anyhow::Result<()> {
 /// `out`, which exists; with an estimate of their errors if asked for. Long because it writes each output of a press in turn.
 pub fn press(
     gpu: &Gpu,
-    scene: &Scene,
+    (scene, view): (&Scene, PressView),
     wanted: &PressOptions,
     (out, with_errors): (&Path, bool),
 ) -> anyhow::Result<PressReport> {
@@ -145,17 +178,20 @@ pub fn press(
         significant(press.radius())
     )]);
     press.stage().save(out.join("rest.png"))?;
-    press.clip_at_press()?;
+    if view.scene_view {
+        press.clip_at_press()?;
+    }
     // Removes the picture of an earlier press.
     match std::fs::remove_file(out.join("pressed.png")) {
         Err(e) if e.kind() != std::io::ErrorKind::NotFound => return Err(Error::io(out)(e).into()),
         _ => {}
     }
     let mut series = PvdSeries::create(out, "press")?;
-    let mut film = Animation::create(out.join("press.gif"), press.stage().size(), FPS)?;
+    let film_size = view.film_size(press.stage().size());
+    let mut film = Animation::create(out.join("press.gif"), film_size, FPS)?;
     let mut seconds = 0.0;
     press.stage().write_frame(&mut series)?;
-    film.push(&press.stage().image()?, Background::Black)?;
+    push_frame(&mut press, view, &mut film)?;
     let steps = u64::from(press.steps());
     let ended = progress::with_bar("pressing", steps, |bar| -> Result<Option<Error>> {
         loop {
@@ -170,9 +206,9 @@ pub fn press(
                 return Ok(None);
             };
             press.stage().write_frame(&mut series)?;
-            film.push(&press.stage().image()?, Background::Black)?;
+            push_frame(&mut press, view, &mut film)?;
             if press.at_max_depth() {
-                press.stage().save(out.join("pressed.png"))?;
+                save_pressed(&mut press, view, out)?;
             }
             bar.detail(format!("{} N", significant(sample.force_n)));
             bar.inc(1);
@@ -181,6 +217,10 @@ pub fn press(
     film.finish()?;
     if with_errors && ended.is_none() {
         progress::with_stages(|progress| press.estimate_error(progress))?;
+    }
+    if press.has_error() {
+        // Again, with the error of the force.
+        save_pressed(&mut press, view, out)?;
     }
     save_error(out, &mut press)?;
     let report = press.report(seconds);
@@ -215,6 +255,46 @@ pub fn press(
     Ok(report)
 }
 
+impl PressView {
+    /// Returns the size of press.gif for pictures of `size`.
+    fn film_size(self, size: [u32; 2]) -> [u32; 2] {
+        let shrink = (f64::from(FILM_WIDTH) / f64::from(size[0].max(1))).min(1.0);
+        match self.scene_view {
+            true => size,
+            false => size.map(|n| ((shrink * f64::from(n)).round() as u32).max(1)),
+        }
+    }
+}
+
+/// Adds the present state of the press to `film`.
+fn push_frame(press: &mut Press, view: PressView, film: &mut Animation) -> Result<()> {
+    let background = press.stage().picture_background();
+    let image = match view.scene_view {
+        true => press.stage().image()?,
+        false => {
+            let size = view.film_size(press.stage().size());
+            press.keep_picture(view.show)?;
+            press.picture(size)?
+        }
+    };
+    film.push(&image, background)
+}
+
+/// Writes the picture of the press at its largest depth; one with the camera of the scene shows the
+/// present state.
+fn save_pressed(press: &mut Press, view: PressView, out: &Path) -> Result<()> {
+    let path = out.join("pressed.png");
+    if view.scene_view {
+        return match press.at_max_depth() {
+            true => press.stage().save(path),
+            false => Ok(()),
+        };
+    }
+    let (size, background) = (press.stage().size(), press.stage().picture_background());
+    let image = press.deepest_picture(size)?;
+    image.save_as(path, background, BitDepth::default())
+}
+
 /// Refines the body for a press, and prints and draws each mesh on the way.
 fn refined_press(
     gpu: &Gpu,
@@ -234,7 +314,7 @@ fn refined_press(
         let mut film =
             Animation::create(out.join("refinement.gif"), first.size, ROUNDS_PER_SECOND)?;
         for picture in &pictures {
-            film.push(picture, Background::Black)?;
+            film.push(picture, Background::Gradient)?;
         }
         film.finish()?;
     }

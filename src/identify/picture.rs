@@ -72,6 +72,7 @@ impl Identified {
             up: Some(DVec3::Z.to_array()),
             fov: None,
             orthographic: Some(height),
+            frame_all: None,
         };
         let picture = &mut scene.picture;
         picture.region.clear();

@@ -189,6 +189,12 @@ impl FinerSpace {
         coarse.iter().copied().chain(further).collect()
     }
 
+    /// Returns the edges of linear tets that the further nodes are in the middle of.
+    pub fn edges_of_middles(&self) -> Vec<[u32; 2]> {
+        let pairs = self.entries.chunks_exact(2);
+        pairs.map(|ends| [ends[0].0, ends[1].0]).collect()
+    }
+
     /// Returns the nodes of the finer mesh at which every function of the coarser space is 0 that is 0
     /// at the nodes `fixed` of the coarser mesh.
     pub fn fixed_nodes(&self, fixed: &[bool]) -> Vec<u32> {

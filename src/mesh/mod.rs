@@ -29,6 +29,7 @@ mod region_surface;
 mod repair;
 mod same_connectivity;
 mod smooth;
+mod smooth_regions;
 mod sorted_list;
 mod split_interface;
 mod surface_report;
@@ -65,6 +66,7 @@ pub(crate) use quadratic_shape::{QUADRATURE, QUADRATURE_POINTS, quadrature_point
 pub(crate) use quality::DIHEDRAL_BINS;
 pub use quality::{QualityReport, TetQuality};
 pub use repair::RepairReport;
+pub(crate) use smooth_regions::{SharesAt, SmoothRegions};
 pub(crate) use sorted_list::replace_sorted;
 pub use surface_report::SurfaceDescription;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};

@@ -67,6 +67,11 @@ impl BarycentricMap {
         })
     }
 
+    /// Returns the interpolation from a mesh of so many `nodes` with known source nodes and weights.
+    pub(crate) fn from_weights(nodes: usize, shares: Vec<([u32; 4], [f64; 4])>) -> BarycentricMap {
+        BarycentricMap { nodes, shares }
+    }
+
     /// Returns, for each point, its four source nodes and their weights, of sum 1.
     pub fn source_weights(&self) -> &[([u32; 4], [f64; 4])] {
         &self.shares

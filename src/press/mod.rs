@@ -9,6 +9,7 @@ mod error;
 mod interactive;
 mod interactive_error;
 mod map;
+mod picture;
 #[cfg(feature = "identify")]
 mod presser;
 mod question;
@@ -64,7 +65,8 @@ const MIN_VIEW_COSINE: f64 = 0.35;
 pub struct PressOptions {
     /// Presses the boundary point nearest to this one, in file units.
     pub at: Option<DVec3>,
-    /// Presses the point visible at this pixel; by default at the centre of the image.
+    /// Presses the point visible at this pixel; by default at the centre of the image that shows the
+    /// whole body (`frame_all`).
     pub pick: Option<DVec2>,
     /// Radius of the fingertip, in file units.
     pub radius: Option<f64>,
@@ -123,6 +125,8 @@ pub struct Press {
     error: Option<std::result::Result<PressError, String>>,
     /// The meshes on the way, if the body was refined for this press.
     refinement: Option<Refinement>,
+    /// What pictures show: the body, and the state kept for them.
+    drawn: picture::KeptPictures,
     notes: Vec<String>,
     gpu: Gpu,
 }
@@ -183,6 +187,7 @@ impl Press {
             states: LoadedStates::default(),
             error: None,
             refinement: None,
+            drawn: picture::KeptPictures::default(),
             gpu: gpu.clone(),
         })
     }
@@ -445,6 +450,11 @@ impl Press {
             samples: self.session.samples(),
             conditions,
         }
+    }
+
+    /// Whether [`Press::estimate_error`] found the errors of the measured numbers.
+    pub fn has_error(&self) -> bool {
+        matches!(self.error, Some(Ok(_)))
     }
 
     /// Returns the error of the force of a sample, N, if [`Press::estimate_error`] found it.

@@ -36,11 +36,17 @@ impl Question {
         let mut still = setup.scene.clone();
         still.solver.name = None;
         still.tool.clear();
+        // The default site is at the centre of this view, which is the same for all pictures.
+        still.camera.frame_all.get_or_insert(true);
         let mut still = Stage::with_mesh(gpu, &still, mesh)?;
         let mesh = still.mesh().clone();
         let boundary = Boundary::new(&mesh, &Topology::new(&mesh), &mesh.nodes);
-        let site = site::find_site(&mut still, &boundary, wanted, setup.radius)?;
         let camera = *still.camera_mut();
+        if wanted.pick.is_none() {
+            // The default site is part of the measurement: it must not follow the framing.
+            still.frame_all()?;
+        }
+        let site = site::find_site(&mut still, &boundary, wanted, setup.radius)?;
         drop(still);
         if setup
             .table

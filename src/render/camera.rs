@@ -43,6 +43,8 @@ pub struct Ray {
 
 /// Fraction of the image filled by a mesh that is fitted into view.
 const FIT_FRACTION: f64 = 0.92;
+/// Fraction of the image filled by a mesh that fills the view.
+const FILL_FRACTION: f64 = 0.93;
 /// Vertical field of view of fitted cameras, in degrees.
 const FRAMING_FOV: f64 = 30.0;
 
@@ -108,6 +110,32 @@ impl Camera {
             .fold(extent.length().max(f64::MIN_POSITIVE) * 1e-3, f64::max);
         camera.look_at = camera.eye;
         camera.eye = camera.look_at + back * distance;
+        camera
+    }
+
+    /// As [`Camera::fit_points`], centred and close enough that the points fill the picture.
+    pub(crate) fn fill_points(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
+        let mut camera = Camera::fit_points(mesh, points, size);
+        let axes = camera.axes();
+        let slope = axes.half_height * FILL_FRACTION;
+        let middle = camera.look_at;
+        // The eye is the apex of the narrowest pyramid around the points: A and B bound the side
+        // faces, which touch a point each (half-width w at distance d: w = slope · d).
+        let along = |side: DVec3, slope: f64| {
+            let reach = |sign: f64| {
+                let of = |p: &DVec3| (*p - middle).dot(sign * side - slope * axes.forward);
+                points.iter().map(of).fold(f64::NEG_INFINITY, f64::max)
+            };
+            let (a, b) = (reach(1.0), reach(-1.0));
+            (0.5 * (a - b), 0.5 * (a + b) / slope)
+        };
+        let (x, far) = along(axes.right, slope * axes.aspect(size));
+        let (y, deep) = along(axes.up, slope);
+        let distance = far.max(deep);
+        if x.is_finite() && y.is_finite() && distance.is_finite() && distance > 0.0 {
+            camera.look_at = middle + x * axes.right + y * axes.up;
+            camera.eye = camera.look_at - distance * axes.forward;
+        }
         camera
     }
 
@@ -248,6 +276,37 @@ mod tests {
             let lift =
                 (higher.origin + higher.direction * t) - (middle.origin + middle.direction * t);
             assert!(lift.y > 0.1, "{projection:?} {lift}");
+        }
+    }
+
+    #[test]
+    fn filled_views_touch_the_margins_of_the_picture() {
+        // A lopsided body: bounds centred far from its silhouette.
+        let mut mesh = crate::generate::bar([4, 2, 2], DVec3::new(1.0, 0.3, 0.2)).expect("a bar");
+        mesh.nodes.iter_mut().for_each(|p| p.y += 0.8 * p.x * p.x);
+        for size in [[400, 300], [200, 500]] {
+            let extent = |camera: &Camera| {
+                let axes = camera.axes();
+                let half = axes.half_height * glam::DVec2::new(axes.aspect(size), 1.0);
+                let mut range = [DVec2::INFINITY, DVec2::NEG_INFINITY];
+                for p in &mesh.nodes {
+                    let to = *p - camera.eye;
+                    let at = DVec2::new(to.dot(axes.right), to.dot(axes.up))
+                        / to.dot(axes.forward)
+                        / half;
+                    range = [range[0].min(at), range[1].max(at)];
+                }
+                range
+            };
+            let [low, high] = extent(&Camera::fill_points(&mesh, &mesh.nodes, size));
+            let fills = |k: usize| {
+                (low[k] + FILL_FRACTION).abs() < 1e-9 && (high[k] - FILL_FRACTION).abs() < 1e-9
+            };
+            assert!(fills(0) || fills(1), "{low} {high}");
+            assert!(low.min_element() > -0.931 && high.max_element() < 0.931);
+            let [low, high] = extent(&Camera::fit_points(&mesh, &mesh.nodes, size));
+            let wide = (high - low).max_element();
+            assert!(wide < 1.8, "{low} {high}");
         }
     }
 

@@ -24,6 +24,32 @@ pub enum Background {
     Black,
     /// White.
     White,
+    /// A soft gradient from nearly white at the top to a light blue grey at the bottom.
+    Gradient,
+}
+
+/// Colours of the top and the bottom of [`Background::Gradient`].
+const GRADIENT: [[f32; 3]; 2] = [[0.965, 0.972, 0.980], [0.725, 0.765, 0.810]];
+
+impl Background {
+    /// Returns the colour at a height from 0 (top) to 1 (bottom); black if transparent.
+    pub(crate) fn colour_at(self, height: f32) -> [f32; 3] {
+        match self {
+            Background::Transparent | Background::Black => [0.0; 3],
+            Background::White => [1.0; 3],
+            Background::Gradient => {
+                let [top, bottom] = GRADIENT;
+                // Smooth at both ends.
+                let share = height * height * (3.0 - 2.0 * height);
+                [0, 1, 2].map(|k| top[k] + share * (bottom[k] - top[k]))
+            }
+        }
+    }
+
+    /// Whether text on it is dark.
+    pub(crate) fn is_light(self) -> bool {
+        matches!(self, Background::White | Background::Gradient)
+    }
 }
 
 /// Bits per channel of a PNG file.
@@ -207,13 +233,13 @@ impl Image {
                 });
                 (image::ColorType::Rgba8, straight.collect())
             }
-            Background::Black | Background::White => {
-                let behind = if background == Background::White {
-                    1.0
-                } else {
-                    0.0
-                };
-                let over = pixels.flat_map(|p| [0, 1, 2].map(|k| p[k] + (1.0 - p[3]) * behind));
+            opaque => {
+                let [width, height] = self.size.map(|n| n.max(1) as usize);
+                let behind = |row: usize| opaque.colour_at((row as f32 + 0.5) / height as f32);
+                let over = pixels.enumerate().flat_map(|(at, p)| {
+                    let behind = behind(at / width);
+                    [0, 1, 2].map(|k| p[k] + (1.0 - p[3]) * behind[k])
+                });
                 (image::ColorType::Rgb8, over.collect())
             }
         }
@@ -312,6 +338,44 @@ mod tests {
         assert_eq!(picture.rgba8(Background::Transparent), read.into_raw());
         let on_white = [204, 179, 153, 255, 255, 255, 255, 255];
         assert_eq!(picture.rgba8(Background::White), on_white);
+    }
+
+    #[test]
+    fn gradient_is_light_and_gets_darker_downwards() {
+        let empty = Image {
+            size: [3, 64],
+            channels: 4,
+            values: vec![0.0; 3 * 64 * 4],
+        };
+        let rows: Vec<[u8; 4]> = empty
+            .rgba8(Background::Gradient)
+            .as_chunks::<4>()
+            .0
+            .to_vec();
+        let column: Vec<u8> = rows.iter().step_by(3).map(|p| p[0]).collect();
+        assert!(column.windows(2).all(|w| w[0] >= w[1]), "{column:?}");
+        assert!(
+            column[0] > 240 && column[63] < 200 && column[63] > 150,
+            "{column:?}"
+        );
+        assert!(rows.chunks(3).all(|row| row[0] == row[2]));
+        // The old background is what it was, and an opaque body hides any.
+        assert!(
+            empty
+                .rgba8(Background::Black)
+                .as_chunks::<4>()
+                .0
+                .iter()
+                .all(|p| *p == [0, 0, 0, 255])
+        );
+        let full = Image {
+            values: vec![1.0; 3 * 64 * 4],
+            ..empty
+        };
+        assert_eq!(
+            full.rgba8(Background::Gradient),
+            full.rgba8(Background::Black)
+        );
     }
 
     #[test]

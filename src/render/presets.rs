@@ -1,6 +1,6 @@
 //! Transfer function presets: tissue presets and the colour maps of matplotlib.
 
-use super::TransferFunction;
+use super::{TransferFunction, tissue_optics};
 use crate::{Error, Result};
 use colorous::Gradient;
 
@@ -250,6 +250,12 @@ impl TransferFunction {
         if let Some(preset) = PRESETS.iter().find(|p| is(p.name, name)) {
             return TransferFunction::relative(preset.colour.to_vec(), preset.extinction.to_vec());
         }
+        if let Some((colour, extinction)) = tissue_optics::look(&name.to_lowercase()) {
+            let [r, g, b] = colour;
+            let ends = |k: f64| [k, r, g, b];
+            let flat = vec![[0.0, extinction], [1.0, extinction]];
+            return TransferFunction::relative(vec![ends(0.0), ends(1.0)], flat);
+        }
         let map = |name: &str| MAPS.iter().find(|m| is(m.name, name));
         let reversed = name.strip_suffix(REVERSED_SUFFIX).and_then(map);
         match (map(name), reversed) {
@@ -262,7 +268,9 @@ impl TransferFunction {
     /// Returns the names accepted by [`TransferFunction::preset`].
     pub fn preset_names() -> Vec<&'static str> {
         let own = PRESETS.iter().map(|p| p.name);
-        own.chain(MAPS.iter().map(|m| m.name)).collect()
+        own.chain(tissue_optics::names())
+            .chain(MAPS.iter().map(|m| m.name))
+            .collect()
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::annotations::AnnotationContext;
 use super::computed_field::{self, ComputedField};
+use super::drawn_mesh::DrawnMesh;
 use super::picture::{DEFAULT_SIZE, DisplayMode};
 use super::scan::SceneScans;
 use super::skin::carrier;
@@ -35,6 +36,8 @@ pub(super) struct SceneAppearance {
     pub scalars: ScalarField,
     /// The displayed field, if it is recomputed for each picture.
     pub computed_field: Option<ComputedField>,
+    /// The mesh that is drawn in place of the body's own, if regions have smooth boundaries.
+    pub drawn: Option<DrawnMesh>,
     pub raycaster: Raycaster,
     /// Options of light paths, if the picture is drawn by them.
     pub paths: Option<PathOptions>,
@@ -47,10 +50,14 @@ impl SceneAppearance {
     /// Creates the render state that `scene` gives the body of `drive` in its current
     /// configuration.
     pub fn new(gpu: &Gpu, scene: &Scene, drive: &mut NodeSource) -> Result<SceneAppearance> {
-        let (mesh, topology) = (drive.mesh(), drive.topology());
+        let drawn = scene.drawn_mesh(gpu, drive)?;
+        let (mesh, topology) = match &drawn {
+            Some(drawn) => (&drawn.mesh, &drawn.topology),
+            None => (drive.mesh(), drive.topology()),
+        };
         let mut notes = Vec::new();
         computed_field::check_output_fields(scene, drive)?;
-        let (scans, computed_field, scalars) = match scene.scans(mesh)? {
+        let (scans, computed_field, mut scalars) = match scene.scans(mesh)? {
             Some(SceneScans {
                 scans,
                 seen,
@@ -65,7 +72,8 @@ impl SceneAppearance {
             },
         };
         notes.extend(scalars.note.clone());
-        let nodes = drive.nodes();
+        DrawnMesh::label_nodes(drawn.as_ref(), &mut scalars);
+        let nodes = drawn.as_ref().map_or(drive.nodes(), DrawnMesh::nodes);
         let seen = (&scalars, scans.as_slice());
         let painters = scene.build_renderers(gpu, mesh, topology, seen, nodes, &mut notes)?;
         let (raycaster, surface) = painters;
@@ -74,13 +82,13 @@ impl SceneAppearance {
             NodeSource::Simulated(motion) => motion.motion_envelope.as_ref(),
             NodeSource::Posed(_) => None,
         };
-        let points = reach.unwrap_or(&mesh.nodes);
+        let points = reach.unwrap_or(&drive.mesh().nodes);
         let (surroundings, more_notes) = AnnotationContext::new(scene, (mesh, topology), &scalars)?;
         notes.extend(more_notes);
-        let camera = scene.camera(mesh, points, size)?;
+        let camera = scene.camera(drive.mesh(), points, size)?;
         let tools = match &*drive {
             NodeSource::Simulated(motion) => {
-                ToolSkin::build_all(gpu, scene, (mesh, drive.nodes().frame()), motion)?
+                ToolSkin::build_all(gpu, scene, (drive.mesh(), drive.nodes().frame()), motion)?
             }
             NodeSource::Posed(_) => Vec::new(),
         };
@@ -112,6 +120,7 @@ impl SceneAppearance {
             tools,
             scalars,
             computed_field,
+            drawn,
             raycaster,
             paths: scene.light.paths()?.filter(|_| scene.is_composite()),
             surface,

@@ -27,7 +27,9 @@ pub(super) const TRAVERSALS: [&str; 2] = ["vertices", "planes"];
 /// Models of light.
 const LIGHT_MODELS: [&str; 2] = ["local", "path"];
 /// Backgrounds of a picture.
-pub(super) const BACKGROUNDS: [&str; 3] = ["transparent", "black", "white"];
+pub(super) const BACKGROUNDS: [&str; 4] = ["gradient", "transparent", "black", "white"];
+/// Boundaries between regions.
+const BOUNDARIES: [&str; 2] = ["smooth", "tets"];
 /// Kinds of axes.
 const AXES: [&str; 2] = ["xyz", "anatomical"];
 /// Kinds of spring damping.
@@ -74,6 +76,10 @@ pub(super) fn background<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D:
 
 pub(super) fn light_model<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
     checked(from, |word| one_of("model of light", &LIGHT_MODELS, word))
+}
+
+pub(super) fn boundaries<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {
+    checked(from, |word| one_of("boundaries", &BOUNDARIES, word))
 }
 
 pub(super) fn damping_kind<'de, D: Deserializer<'de>>(from: D) -> Entry<String, D::Error> {

@@ -39,6 +39,7 @@ mod cage;
 mod checkpoint;
 mod computed_field;
 mod default_load;
+mod drawn_mesh;
 mod dynamic_tools;
 mod element_order;
 mod entries;

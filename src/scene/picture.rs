@@ -257,7 +257,7 @@ impl Scene {
 
     pub(super) fn background(&self) -> Result<Background> {
         match self.picture.background.as_deref() {
-            None => Ok(Background::default()),
+            None | Some("gradient") => Ok(Background::Gradient),
             Some("transparent") => Ok(Background::Transparent),
             Some("black") => Ok(Background::Black),
             Some("white") => Ok(Background::White),
@@ -286,9 +286,13 @@ impl Scene {
         use crate::render::Projection;
         let entry = &self.camera;
         let legend = self.picture.legend == Some(true) && entry.is_unset();
+        let fit = match entry.frame_all {
+            Some(true) => Camera::fit_points,
+            _ => Camera::fill_points,
+        };
         let mut camera = match legend {
-            true => beside_legend(mesh, points, size),
-            false => Camera::fit_points(mesh, points, size),
+            true => beside_legend(|size| fit(mesh, points, size), size),
+            false => fit(mesh, points, size),
         };
         if let Some(look_at) = entry.look_at {
             // The eye keeps its position relative to the point looked at.
@@ -316,10 +320,10 @@ impl Scene {
     }
 }
 
-/// Returns a camera that frames `points` to the left of a legend.
-fn beside_legend(mesh: &TetMesh, points: &[DVec3], size: [u32; 2]) -> Camera {
+/// Returns the camera that `fit` makes for the part of a picture to the left of a legend.
+fn beside_legend(fit: impl Fn([u32; 2]) -> Camera, size: [u32; 2]) -> Camera {
     let left = (1.0 - LEGEND) * f64::from(size[0]);
-    let mut camera = Camera::fit_points(mesh, points, [left as u32, size[1]]);
+    let mut camera = fit([left as u32, size[1]]);
     let axes = camera.axes();
     let distance = camera.eye.distance(camera.look_at);
     let width = 2.0 * axes.half_height * distance * axes.aspect(size);

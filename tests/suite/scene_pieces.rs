@@ -22,7 +22,8 @@ fn limb() -> TetMesh {
 /// Returns the scene of a small picture with these entries.
 fn scene(picture: &str) -> Scene {
     Scene::parse_in(
-        &format!("[picture]\nsize = [150, 110]\n{picture}"),
+        // Pieces have the boundaries of their tets.
+        &format!("[picture]\nsize = [150, 110]\nboundaries = \"tets\"\n{picture}"),
         Path::new("."),
     )
     .unwrap()

@@ -67,6 +67,7 @@ impl PressMap {
             up: Some(up.to_array()),
             fov: None,
             orthographic: Some(height),
+            frame_all: None,
         }
     }
 

@@ -131,6 +131,9 @@ pub struct CameraEntry {
     /// Height of the view of an orthographic camera, instead of `fov`.
     #[cfg_attr(feature = "cli", schemars(extend("x-unit" = "mesh unit", "exclusiveMinimum" = 0.0, "examples" = [0.4])))]
     pub orthographic: Option<f64>,
+    /// Whether a default view is centred at the body's bounds with wider margins, instead of filling
+    /// the picture; default false.
+    pub frame_all: Option<bool>,
 }
 
 impl CameraEntry {
@@ -177,7 +180,7 @@ pub struct PictureEntry {
     #[serde(default, deserialize_with = "keywords::traversal")]
     #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::traversal", extend("examples" = ["planes"])))]
     pub traversal: Option<String>,
-    /// Background of a PNG: `black`, `white` or `transparent`.
+    /// Background of a PNG or film: `gradient` (default), `black`, `white` or `transparent`.
     #[serde(default, deserialize_with = "keywords::background")]
     #[cfg_attr(feature = "cli", schemars(default, schema_with = "schema::background", extend("examples" = ["white"])))]
     pub background: Option<String>,
@@ -188,6 +191,12 @@ pub struct PictureEntry {
     /// pre-integration table; default 0.001.
     #[cfg_attr(feature = "cli", schemars(extend("default" = 0.001, "exclusiveMinimum" = 0.0, "examples" = [0.0005])))]
     pub accuracy: Option<f64>,
+    /// Boundaries between regions in modes `composite` and `surface`: `smooth` (default; interpolated
+    /// within the tets, from the label volume that the mesh was made from where there is one), or
+    /// `tets`, along their faces. Bodies of more than 150,000 tets, in pieces or that are cut have the
+    /// latter.
+    #[serde(default, deserialize_with = "keywords::boundaries")]
+    pub boundaries: Option<String>,
     /// Bits per channel of a PNG: 8 or 16.
     #[cfg_attr(feature = "cli", schemars(extend("enum" = [8, 16], "examples" = [16])))]
     pub bits: Option<u32>,

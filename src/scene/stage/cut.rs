@@ -24,6 +24,7 @@ impl Stage {
             ));
         }
         self.cached = None;
+        self.draw_own_mesh()?;
         let pose = match self.journal {
             Some(_) => self.current_exact_positions()?,
             None => None,

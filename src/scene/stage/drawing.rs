@@ -57,7 +57,14 @@ impl Stage {
         if let NodeSource::Simulated(motion) = &mut self.drive {
             motion.simulator.update_nodes(work)?;
         }
-        let (geometry, mesh) = (self.looks.raycaster.geometry(), self.drive.mesh());
+        if let Some(drawn) = &mut self.looks.drawn {
+            drawn.follow(work, self.drive.nodes());
+        }
+        let geometry = match &self.looks.drawn {
+            Some(drawn) => &drawn.picker,
+            None => self.looks.raycaster.geometry(),
+        };
+        let mesh = self.drive.mesh();
         let drawn = [geometry.positions().len(), geometry.tet_count()].map(|n| n as usize);
         if drawn != [mesh.nodes.len(), mesh.tets.len()] {
             return Err(Error::Input(
@@ -75,7 +82,10 @@ impl Stage {
     /// As [`Geometry::pick`](crate::render::Geometry::pick).
     pub fn pick(&mut self, pixel: DVec2) -> Result<Option<Pick>> {
         self.publish_now()?;
-        let geometry = self.looks.raycaster.geometry();
+        let geometry = match &self.looks.drawn {
+            Some(drawn) => &drawn.picker,
+            None => self.looks.raycaster.geometry(),
+        };
         match self.drive.nodes().put() {
             Some(positions) => {
                 geometry.pick_positions(&positions, &self.looks.camera, pixel, self.looks.size)

@@ -83,7 +83,10 @@ impl Stage {
     /// Sets the sections of the body and its skins, but not of tools.
     fn set_body_inside(&mut self, inside: &Sections) -> Result<()> {
         if inside.needs_rest_positions() && !self.looks.raycaster.inside().needs_rest_positions() {
-            let mesh = self.drive.mesh();
+            let mesh = match &self.looks.drawn {
+                Some(drawn) => &drawn.mesh,
+                None => self.drive.mesh(),
+            };
             self.looks
                 .raycaster
                 .geometry_mut()
@@ -100,6 +103,19 @@ impl Stage {
         }
         self.cached = None;
         Ok(())
+    }
+
+    /// Draws the mesh of the body itself from now on, with boundaries of regions along the faces of its
+    /// tets: the drawn mesh cannot be cut, and cannot show other fields.
+    pub(super) fn draw_own_mesh(&mut self) -> Result<()> {
+        if self.looks.drawn.is_none() {
+            return Ok(());
+        }
+        let inside = self.looks.raycaster.inside().clone();
+        let mut scene = self.scene.clone();
+        scene.picture.boundaries = Some("tets".into());
+        self.set_appearance(&scene)?;
+        self.set_body_inside(&inside)
     }
 
     /// Returns the transfer function of the displayed field, in absolute values.

@@ -124,6 +124,9 @@ impl Stage {
         if !self.scene.scan.is_empty() || !self.looks.scalars.regions.is_empty() || !named {
             return Ok(());
         }
+        if self.looks.drawn.is_some() {
+            return self.draw_own_mesh();
+        }
         let mut scene = self.scene.clone();
         scene.picture.field = Some(name.clone());
         let seen = scene.scalar_field(self.drive.mesh(), self.drive.topology())?;

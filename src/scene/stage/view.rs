@@ -2,7 +2,7 @@
 
 use super::{NodeSource, Stage};
 use crate::Result;
-use crate::render::Camera;
+use crate::render::{Background, Camera};
 use glam::DVec3;
 
 impl Stage {
@@ -14,6 +14,11 @@ impl Stage {
     /// Returns the width and height of the pictures, in pixels.
     pub fn size(&self) -> [u32; 2] {
         self.looks.size
+    }
+
+    /// Returns the background of pictures in files.
+    pub fn picture_background(&self) -> Background {
+        self.looks.background
     }
 
     /// Sets the size of the pictures.
@@ -36,6 +41,20 @@ impl Stage {
         Ok(())
     }
 
+    /// Frames the whole body at rest as `frame_all` does, unless the scene sets the camera.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) for an invalid camera.
+    pub(crate) fn frame_all(&mut self) -> Result<()> {
+        if self.scene.camera.is_unset() {
+            let mut scene = self.scene.clone();
+            scene.camera.frame_all = Some(true);
+            let mesh = self.mesh();
+            self.looks.camera = scene.camera(mesh, &mesh.nodes, self.looks.size)?;
+        }
+        Ok(())
+    }
+
     /// As [`Stage::fit_view`], with margin for an orbiting camera: see [`Camera::orbited`].
     ///
     /// # Errors
@@ -50,7 +69,9 @@ impl Stage {
             points.extend(motion.motion_envelope.iter().flatten());
         }
         let round = turned_round(&points, self.looks.camera.up);
-        let mut camera = self.scene.camera(self.mesh(), &round, self.looks.size)?;
+        let mut scene = self.scene.clone();
+        scene.camera.frame_all = Some(true);
+        let mut camera = scene.camera(self.mesh(), &round, self.looks.size)?;
         // With a legend, too, the camera orbits the centre of the body.
         let (low, high) = crate::mesh::bounds(&round);
         let aside = 0.5 * (low + high) - camera.look_at;

@@ -19,7 +19,7 @@ fn frames(path: &Path) -> (Vec<Vec<u8>>, u32) {
 
 fn scene(folder: &Path) -> PathBuf {
     let scene = folder.join("bar.toml");
-    let text = "[mesh]\ngenerate = \"bar\"\n[material]\nyoung = 2e4\n[solver]\nname = \"implicit\"\nsteps = 2\n[picture]\nsize = [64, 48]\nmode = \"surface\"\n";
+    let text = "[mesh]\ngenerate = \"bar\"\n[material]\nyoung = 2e4\n[solver]\nname = \"implicit\"\nsteps = 2\n[picture]\nsize = [64, 48]\nmode = \"surface\"\nbackground = \"black\"\n";
     std::fs::write(&scene, text).unwrap();
     scene
 }
@@ -41,6 +41,8 @@ fn film_orbits_static_body() {
         "surface",
         "--fps",
         "10",
+        "--background",
+        "black",
     ];
     stdout(&palpate(&arguments));
     let (frames, lasts) = frames(&film);

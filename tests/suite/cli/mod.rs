@@ -164,6 +164,8 @@ fn draws_moves_and_reports(mesh: &str, unit: &str, steps: &str) {
         unit,
         "--repeat",
         "2",
+        "--background",
+        "black",
         "--report",
         text(&report),
     ]));

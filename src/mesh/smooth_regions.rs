@@ -1,0 +1,652 @@
+//! A mesh for pictures whose regions have smooth boundaries: tets that several regions share are divided
+//! where the interpolated shares of the regions are equal.
+
+use super::finer_space::FinerSpace;
+use super::{ElementOrder, FACES, Field, Location, TET_EDGES, TetMesh};
+use crate::{Result, parallel};
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// Rounds of smoothing of the shares of a mesh without a label volume, and the weight of the
+/// neighbours in each.
+const ROUNDS: usize = 1;
+const NEIGHBOURS: f64 = 0.3;
+/// Rounds in which the shares of thin regions grow, by how much in each, and the part of its volume below
+/// which a region is thin: boundaries of other regions stay where the mesh has them.
+const THIN: f64 = 0.7;
+const VOLUME_ROUNDS: usize = 12;
+const VOLUME_STEP: f64 = 0.06;
+/// Share above which a region is far from its boundaries.
+const CLEAR: f64 = 0.9;
+/// Nodes that a region without others gets have this part of its largest share at a node.
+const KEPT: f64 = 0.9;
+/// Least distance of a boundary from a node along an edge, relative to its length.
+const NEAREST: f64 = 0.04;
+/// Largest number of tets after the division of those at boundaries.
+const MAX_TETS: usize = 3_000_000;
+
+/// Returns the shares of labels around a point of the body at rest, within about a distance.
+pub(crate) type SharesAt<'a> = &'a (dyn Fn(DVec3, f64) -> Vec<(i64, f64)> + Sync);
+
+/// Nodes that carry a point, and their weights, of sum 1.
+type Carriers = ([u32; 4], [f64; 4]);
+
+/// A mesh that is drawn in place of another.
+pub(crate) struct SmoothRegions {
+    /// The divided mesh; its tets are linear.
+    pub mesh: TetMesh,
+    /// Nodes of the other mesh that carry each node, and their weights.
+    pub weights: Vec<Carriers>,
+}
+
+impl SmoothRegions {
+    /// Returns vectors at the nodes of the drawn mesh, given those at the nodes of the other.
+    pub fn vectors(&self, of: &[DVec3]) -> Vec<DVec3> {
+        let at = |(nodes, weights): &Carriers| {
+            let parts = nodes.iter().zip(weights);
+            parts.map(|(v, w)| *w * of[*v as usize]).sum()
+        };
+        self.weights.iter().map(at).collect()
+    }
+
+    /// Returns values at the nodes of the drawn mesh, given those at the nodes of the other.
+    pub fn values(&self, of: &[f64]) -> Vec<f64> {
+        let at = |(nodes, weights): &Carriers| {
+            let parts = nodes.iter().zip(weights);
+            parts.map(|(v, w)| *w * of[*v as usize]).sum()
+        };
+        self.weights.iter().map(at).collect()
+    }
+}
+
+/// Shares of regions at a node, in ascending order of the regions.
+type Shares = Vec<(u32, f64)>;
+
+impl TetMesh {
+    /// Returns this mesh, at rest, with boundaries of the regions of `field` (whole numbers in the tets)
+    /// that do not follow its faces. The shares of the regions are `of_volume` where a label volume is
+    /// known, and then tets at boundaries are divided into eight first; otherwise they are the shares of
+    /// the solid angle at the nodes, smoothed.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) if the divided mesh would have too many nodes.
+    pub(crate) fn with_smooth_regions(
+        &self,
+        field: &Field,
+        of_volume: Option<SharesAt>,
+    ) -> Result<SmoothRegions> {
+        let mut values: Vec<i64> = field.values.iter().map(|v| *v as i64).collect();
+        let labels = values.clone();
+        values.sort_unstable();
+        values.dedup();
+        let number = |label: &i64| values.binary_search(label).unwrap_or_default() as u32;
+        let plain = TetMesh {
+            order: ElementOrder::Linear,
+            ..self.clone()
+        };
+        let own: Vec<u32> = labels.iter().map(number).collect();
+        let mut drawn = Divided {
+            weights: (0..self.nodes.len() as u32)
+                .map(|v| ([v; 4], [1.0, 0.0, 0.0, 0.0]))
+                .collect(),
+            shares: tet_shares(&plain, &own),
+            regions: own,
+            mesh: plain,
+            field: field.name.clone(),
+        };
+        match of_volume {
+            Some(of_volume) => {
+                // Also where the tets miss a layer that is thinner than they are.
+                drawn.take_shares(of_volume, &values);
+                let mixed = drawn.mixed_tets();
+                let many = 8 * mixed.iter().filter(|m| **m).count() + mixed.len() > MAX_TETS;
+                if !many {
+                    drawn.divide(&mixed, &values)?;
+                }
+                drawn.take_shares(of_volume, &values);
+            }
+            None => {
+                (0..ROUNDS).for_each(|_| drawn.smooth());
+                drawn.keep_volumes();
+            }
+        }
+        drawn.keep_regions(values.len());
+        drawn.split(&values);
+        Ok(SmoothRegions {
+            mesh: drawn.mesh,
+            weights: drawn.weights,
+        })
+    }
+}
+
+/// Returns the share of the solid angle of each region at each node.
+fn tet_shares(mesh: &TetMesh, regions: &[u32]) -> Vec<Shares> {
+    let mut shares: Vec<Shares> = vec![Vec::new(); mesh.nodes.len()];
+    for (tet, region) in mesh.tets.iter().zip(regions) {
+        let x = tet.map(|v| mesh.nodes[v as usize]);
+        for corner in 0..4 {
+            add(
+                &mut shares[tet[corner] as usize],
+                *region,
+                solid_angle(x, corner),
+            );
+        }
+    }
+    shares.iter_mut().for_each(normalise);
+    shares
+}
+
+/// Returns the solid angle of a tet at one of its corners.
+fn solid_angle(x: [DVec3; 4], corner: usize) -> f64 {
+    let [a, b, c] = [1, 2, 3].map(|k| (x[(corner + k) % 4] - x[corner]).normalize_or_zero());
+    let triple = a.dot(b.cross(c)).abs();
+    2.0 * triple.atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a)).abs()
+}
+
+fn add(shares: &mut Shares, region: u32, share: f64) {
+    match shares.binary_search_by_key(&region, |s| s.0) {
+        Ok(k) => shares[k].1 += share,
+        Err(k) => shares.insert(k, (region, share)),
+    }
+}
+
+fn normalise(shares: &mut Shares) {
+    let sum: f64 = shares.iter().map(|s| s.1).sum();
+    if sum > 0.0 {
+        shares.iter_mut().for_each(|s| s.1 /= sum);
+    }
+}
+
+fn share_of(shares: &Shares, region: u32) -> f64 {
+    shares
+        .binary_search_by_key(&region, |s| s.0)
+        .map_or(0.0, |k| shares[k].1)
+}
+
+/// Returns the region with the largest share; the first one of equal ones.
+fn largest(shares: &Shares) -> u32 {
+    let best = shares.iter().fold(
+        (0, f64::NEG_INFINITY),
+        |best, s| if s.1 > best.1 { *s } else { best },
+    );
+    best.0
+}
+
+/// A mesh in progress.
+struct Divided {
+    mesh: TetMesh,
+    /// Name of the field of the regions.
+    field: String,
+    weights: Vec<Carriers>,
+    /// Region of each tet, by number.
+    regions: Vec<u32>,
+    shares: Vec<Shares>,
+}
+
+impl Divided {
+    /// Returns which tets are in several regions.
+    fn mixed_tets(&self) -> Vec<bool> {
+        let mixed = |tet: &[u32; 4]| {
+            let [a, ..] = tet.map(|v| largest(&self.shares[v as usize]));
+            let far = |v: &u32| {
+                let own = &self.shares[*v as usize];
+                largest(own) != a || share_of(own, a) < CLEAR
+            };
+            tet.iter().any(far)
+        };
+        self.mesh.tets.iter().map(mixed).collect()
+    }
+
+    /// Divides the chosen tets into eight, and their neighbours as far as these must fit them.
+    fn divide(&mut self, chosen: &[bool], values: &[i64]) -> Result<()> {
+        let before = self.mesh.nodes.len();
+        let finer = FinerSpace::locally(&self.mesh, chosen)?;
+        let middles = finer.edges_of_middles();
+        for [a, b] in &middles {
+            let mixed = mix(
+                (&self.weights[*a as usize], &self.weights[*b as usize]),
+                0.5,
+            );
+            self.weights.push(mixed);
+            let both = [*a, *b].map(|v| self.shares[v as usize].clone());
+            self.shares.push(blend((&both[0], &both[1]), 0.5));
+        }
+        debug_assert_eq!(before + middles.len(), finer.mesh.nodes.len());
+        self.mesh = finer.mesh;
+        let field = self.mesh.field(&self.field, Location::Cell);
+        let labels = field.map(|f| f.values.clone()).unwrap_or_default();
+        let number = |v: &f64| values.binary_search(&(*v as i64)).unwrap_or_default() as u32;
+        self.regions = labels.iter().map(number).collect();
+        Ok(())
+    }
+
+    /// Sets the shares at the nodes to those of a label volume, where it has labels of the mesh.
+    fn take_shares(&mut self, of_volume: SharesAt, values: &[i64]) {
+        let mut edges = vec![(0.0, 0usize); self.mesh.nodes.len()];
+        for [a, b] in self.mesh.edges() {
+            let length = self.mesh.nodes[a as usize].distance(self.mesh.nodes[b as usize]);
+            for v in [a, b] {
+                edges[v as usize].0 += length;
+                edges[v as usize].1 += 1;
+            }
+        }
+        self.shares = parallel::map(self.mesh.nodes.len(), |v| {
+            let own = &self.shares[v];
+            let (sum, count) = edges[v];
+            let mut shares = Shares::new();
+            for (label, share) in of_volume(self.mesh.nodes[v], sum / count.max(1) as f64) {
+                if let Ok(region) = values.binary_search(&label) {
+                    add(&mut shares, region as u32, share);
+                }
+            }
+            normalise(&mut shares);
+            if shares.is_empty() {
+                own.clone()
+            } else {
+                shares
+            }
+        });
+    }
+
+    /// Adds to the shares of regions that lose much of their volume, so that thin layers do not vanish.
+    fn keep_volumes(&mut self) {
+        let count = 1 + self.regions.iter().copied().max().unwrap_or(0) as usize;
+        let (mut wanted, mut of_nodes) = (vec![0.0; count], vec![0.0; self.mesh.nodes.len()]);
+        for (t, region) in self.regions.iter().enumerate() {
+            let volume = self.mesh.tet_volume(t).abs();
+            wanted[*region as usize] += volume;
+            self.mesh.tets[t]
+                .iter()
+                .for_each(|v| of_nodes[*v as usize] += 0.25 * volume);
+        }
+        for _ in 0..VOLUME_ROUNDS {
+            let mut found = vec![0.0; count];
+            for (shares, volume) in self.shares.iter().zip(&of_nodes) {
+                if !shares.is_empty() {
+                    found[largest(shares) as usize] += volume;
+                }
+            }
+            let missing = |r: u32| {
+                let [wanted, found] = [&wanted, &found].map(|v| v[r as usize]);
+                if found < THIN * wanted {
+                    VOLUME_STEP
+                } else {
+                    0.0
+                }
+            };
+            for shares in &mut self.shares {
+                shares.iter_mut().for_each(|s| s.1 += missing(s.0));
+            }
+        }
+    }
+
+    /// Gives each of the `count` regions at least the nodes that it has most of, so that none vanishes.
+    fn keep_regions(&mut self, count: usize) {
+        let mut found = vec![false; count];
+        for shares in self.shares.iter().filter(|s| !s.is_empty()) {
+            found[largest(shares) as usize] = true;
+        }
+        if found.iter().all(|found| *found) {
+            return;
+        }
+        let of_tets = tet_shares(&self.mesh, &self.regions);
+        for region in (0..count as u32).filter(|r| !found[*r as usize]) {
+            let share = |shares: &Shares| share_of(shares, region);
+            let most = of_tets.iter().map(share).fold(0.0, f64::max);
+            for (own, of_tets) in self.shares.iter_mut().zip(&of_tets) {
+                if most > 0.0 && share(of_tets) >= KEPT * most {
+                    let lead = share_of(own, largest(own)) - share_of(own, region);
+                    add(own, region, lead + 0.1);
+                }
+            }
+        }
+    }
+
+    /// Moves the shares of each node towards the mean of its neighbours.
+    fn smooth(&mut self) {
+        let mut sums: Vec<(Shares, f64)> = vec![(Vec::new(), 0.0); self.shares.len()];
+        for [a, b] in self.mesh.edges() {
+            for (to, from) in [(a, b), (b, a)] {
+                let (sum, count) = &mut sums[to as usize];
+                self.shares[from as usize]
+                    .iter()
+                    .for_each(|s| add(sum, s.0, s.1));
+                *count += 1.0;
+            }
+        }
+        for (own, (sum, count)) in self.shares.iter_mut().zip(&mut sums) {
+            if *count > 0.0 {
+                sum.iter_mut().for_each(|s| s.1 /= *count);
+                *own = blend((own, sum), NEIGHBOURS);
+            }
+        }
+    }
+
+    /// Divides the tets whose corners are in several regions along the boundaries between these.
+    fn split(&mut self, values: &[i64]) {
+        let nearest: Vec<u32> = self.shares.iter().map(largest).collect();
+        let mut places: BTreeMap<[u32; 3], u32> = BTreeMap::new();
+        let (mut tets, mut regions, mut parents) = (Vec::new(), Vec::new(), Vec::new());
+        for (t, tet) in std::mem::take(&mut self.mesh.tets).into_iter().enumerate() {
+            let corners = tet.map(|v| nearest[v as usize]);
+            if corners.iter().all(|r| *r == corners[0]) {
+                tets.push(tet);
+                regions.push(corners[0]);
+                parents.push(t);
+                continue;
+            }
+            let (faces, points) = self.divided_faces(tet, &nearest, &mut places);
+            let centre = self.centre(&points);
+            for (face, region) in faces {
+                tets.push([face[0], face[2], face[1], centre]);
+                regions.push(region);
+                parents.push(t);
+            }
+        }
+        self.mesh.tets = tets;
+        self.regions = regions;
+        let of_nodes = &self.weights;
+        for field in &mut self.mesh.fields {
+            let n = field.components;
+            if field.location == Location::Cell {
+                let own = parents
+                    .iter()
+                    .flat_map(|t| field.values[n * t..n * (t + 1)].to_vec());
+                field.values = own.collect();
+                if field.name == self.field {
+                    field.values = self
+                        .regions
+                        .iter()
+                        .map(|r| values[*r as usize] as f64)
+                        .collect();
+                }
+            } else {
+                let first = field.values.clone();
+                let known = first.len() / n.max(1);
+                let of = |v: usize, k: usize| {
+                    let (nodes, weights) = &of_nodes[v];
+                    (0..4)
+                        .map(|i| weights[i] * first[n * nodes[i] as usize + k])
+                        .sum::<f64>()
+                };
+                let more = (known..of_nodes.len()).flat_map(|v| (0..n).map(move |k| (v, k)));
+                field.values.extend(more.map(|(v, k)| of(v, k)));
+            }
+        }
+    }
+
+    /// Returns the triangles of the faces of a tet, seen from outside in the order of its corners, each
+    /// with its region, and the points on its edges where two regions meet.
+    fn divided_faces(
+        &mut self,
+        tet: [u32; 4],
+        nearest: &[u32],
+        places: &mut BTreeMap<[u32; 3], u32>,
+    ) -> (Vec<([u32; 3], u32)>, Vec<u32>) {
+        let mut points = Vec::new();
+        for [i, j] in TET_EDGES {
+            let (a, b) = (tet[i].min(tet[j]), tet[i].max(tet[j]));
+            if nearest[a as usize] != nearest[b as usize] {
+                points.push(self.crossing([a, b], nearest, places));
+            }
+        }
+        let mut faces = Vec::new();
+        for face in FACES.map(|f| f.map(|k| tet[k])) {
+            let own = face.map(|v| nearest[v as usize]);
+            let middles: Vec<Option<u32>> = (0..3)
+                .map(|k| {
+                    let [a, b] = [face[k], face[(k + 1) % 3]];
+                    let edge = [a.min(b), a.max(b)];
+                    (own[k] != own[(k + 1) % 3]).then(|| self.crossing(edge, nearest, places))
+                })
+                .collect();
+            match middles[..] {
+                [Some(p), Some(q), Some(r)] => {
+                    // Three regions meet at the middle of the face.
+                    let mut key = face;
+                    key.sort_unstable();
+                    let middle = match places.get(&key) {
+                        Some(middle) => *middle,
+                        None => {
+                            let middle = self.centre(&[p, q, r]);
+                            places.insert(key, middle);
+                            middle
+                        }
+                    };
+                    let around = [(face[0], p, r), (face[1], q, p), (face[2], r, q)];
+                    for (k, (corner, after, before)) in around.into_iter().enumerate() {
+                        faces.push(([corner, after, middle], own[k]));
+                        faces.push(([corner, middle, before], own[k]));
+                    }
+                }
+                _ => match (0..3).find(|k| middles[*k].is_some() && middles[(k + 2) % 3].is_some())
+                {
+                    Some(k) => {
+                        // Corner k is alone in its region.
+                        let (Some(p), Some(q)) = (middles[k], middles[(k + 2) % 3]) else {
+                            continue;
+                        };
+                        let [a, b, c] = [face[k], face[(k + 1) % 3], face[(k + 2) % 3]];
+                        faces.push(([a, p, q], own[k]));
+                        let other = own[(k + 1) % 3];
+                        // The same diagonal from both sides of the face.
+                        if b < c {
+                            faces.push(([p, b, q], other));
+                            faces.push(([b, c, q], other));
+                        } else {
+                            faces.push(([p, b, c], other));
+                            faces.push(([p, c, q], other));
+                        }
+                    }
+                    None => faces.push((face, own[0])),
+                },
+            }
+        }
+        (faces, points)
+    }
+
+    /// Returns the point of an edge between two regions where their shares are equal.
+    fn crossing(
+        &mut self,
+        [a, b]: [u32; 2],
+        nearest: &[u32],
+        places: &mut BTreeMap<[u32; 3], u32>,
+    ) -> u32 {
+        let key = [a, b, u32::MAX];
+        if let Some(known) = places.get(&key) {
+            return *known;
+        }
+        let [p, q] = [a, b].map(|v| nearest[v as usize]);
+        let lead =
+            |v: u32| share_of(&self.shares[v as usize], p) - share_of(&self.shares[v as usize], q);
+        let (from, to) = (lead(a), lead(b));
+        let at = if from - to > 0.0 {
+            from / (from - to)
+        } else {
+            0.5
+        };
+        let at = at.clamp(NEAREST, 1.0 - NEAREST);
+        let mixed = mix((&self.weights[a as usize], &self.weights[b as usize]), at);
+        let place = self.mesh.nodes[a as usize].lerp(self.mesh.nodes[b as usize], at);
+        let point = self.push(place, mixed);
+        places.insert(key, point);
+        point
+    }
+
+    /// Adds the mean of some nodes.
+    fn centre(&mut self, points: &[u32]) -> u32 {
+        let mut place = self.mesh.nodes[points[0] as usize];
+        let mut carried = self.weights[points[0] as usize];
+        for (k, v) in points.iter().enumerate().skip(1) {
+            let share = 1.0 / (k as f64 + 1.0);
+            place = place.lerp(self.mesh.nodes[*v as usize], share);
+            carried = mix((&carried, &self.weights[*v as usize]), share);
+        }
+        self.push(place, carried)
+    }
+
+    fn push(&mut self, place: DVec3, weights: Carriers) -> u32 {
+        self.mesh.nodes.push(place);
+        self.weights.push(weights);
+        self.mesh.nodes.len() as u32 - 1
+    }
+}
+
+/// Returns `(1 − share) a + share b` of two nodes carried by at most four nodes together.
+fn mix((a, b): (&Carriers, &Carriers), share: f64) -> Carriers {
+    let mut found: Vec<(u32, f64)> = Vec::with_capacity(8);
+    for ((nodes, weights), factor) in [(a, 1.0 - share), (b, share)] {
+        for (v, w) in nodes.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
+            match found.iter_mut().find(|own| own.0 == *v) {
+                Some(own) => own.1 += factor * w,
+                None => found.push((*v, factor * w)),
+            }
+        }
+    }
+    let first = found.first().map_or(0, |own| own.0);
+    let at = |k: usize| found.get(k).copied().unwrap_or((first, 0.0));
+    ([0, 1, 2, 3].map(|k| at(k).0), [0, 1, 2, 3].map(|k| at(k).1))
+}
+
+/// Returns `(1 − share) a + share b`.
+fn blend((a, b): (&Shares, &Shares), share: f64) -> Shares {
+    let mut sum: Shares = a.iter().map(|s| (s.0, (1.0 - share) * s.1)).collect();
+    b.iter().for_each(|s| add(&mut sum, s.0, share * s.1));
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::generate;
+    use crate::mesh::{NO_NEIGHBOUR, Topology};
+
+    /// A plane across a box, and the distance from it.
+    fn distance(p: DVec3) -> f64 {
+        (p - DVec3::new(0.52, 0.31, 0.27)).dot(DVec3::new(1.0, 0.35, -0.2).normalize())
+    }
+
+    /// A box of two regions, whose boundary follows the faces of its tets, near that plane.
+    fn halves() -> (TetMesh, Field) {
+        let mut mesh = generate::bar([8, 5, 5], DVec3::new(1.0, 0.6, 0.6)).unwrap();
+        let centre = |t: usize| mesh.tet_nodes(t).iter().sum::<DVec3>() / 4.0;
+        let label = |t: usize| if distance(centre(t)) > 0.0 { 7.0 } else { 3.0 };
+        let labels = (0..mesh.tets.len()).map(label).collect();
+        let field = Field::scalar("label", Location::Cell, labels);
+        mesh.set_field(field.clone()).unwrap();
+        (mesh, field)
+    }
+
+    /// Returns the largest distance from the plane of the corners of faces between the regions.
+    fn roughness(mesh: &TetMesh) -> f64 {
+        let labels = &mesh.field("label", Location::Cell).unwrap().values;
+        let topology = Topology::new(mesh);
+        let mut most = 0.0f64;
+        for (t, across) in topology.neighbours.iter().enumerate() {
+            for (face, other) in FACES.iter().zip(across) {
+                if *other != NO_NEIGHBOUR && labels[*other as usize / 4] != labels[t] {
+                    for k in face {
+                        most = most.max(distance(mesh.nodes[mesh.tets[t][*k] as usize]).abs());
+                    }
+                }
+            }
+        }
+        most
+    }
+
+    fn check(drawn: &SmoothRegions, of: &TetMesh) {
+        let mesh = &drawn.mesh;
+        assert!((0..mesh.tets.len()).all(|t| mesh.tet_volume(t) > 0.0));
+        assert!((mesh.volume() / of.volume() - 1.0).abs() < 1e-9);
+        // The same boundary, and no gap inside.
+        let area = |mesh: &TetMesh| {
+            let faces = Topology::new(mesh).boundary_triangles(mesh);
+            let of = |f: &[u32; 3]| {
+                let [a, b, c] = f.map(|v| mesh.nodes[v as usize]);
+                0.5 * (b - a).cross(c - a).length()
+            };
+            faces.iter().map(of).sum::<f64>()
+        };
+        assert!((area(mesh) / area(of) - 1.0).abs() < 1e-9);
+        for (p, (nodes, weights)) in mesh.nodes.iter().zip(&drawn.weights) {
+            let carried: DVec3 = (0..4)
+                .map(|k| weights[k] * of.nodes[nodes[k] as usize])
+                .sum();
+            assert!(carried.distance(*p) < 1e-12);
+            assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        }
+        assert_eq!(mesh.nodes.len(), drawn.weights.len());
+    }
+
+    #[test]
+    fn boundaries_from_labels_of_tets_are_smoother_than_their_faces() {
+        let (mesh, field) = halves();
+        let drawn = mesh.with_smooth_regions(&field, None).unwrap();
+        check(&drawn, &mesh);
+        let [before, after] = [roughness(&mesh), roughness(&drawn.mesh)];
+        assert!(before > 0.08, "{before}");
+        assert!(after < 0.6 * before, "{before} {after}");
+    }
+
+    #[test]
+    fn boundaries_from_a_volume_follow_it() {
+        let (mesh, field) = halves();
+        let of_volume = |p: DVec3, edge: f64| {
+            let share = (0.5 + 0.5 * distance(p) / edge).clamp(0.0, 1.0);
+            vec![(3, 1.0 - share), (7, share), (99, 0.2)]
+        };
+        let drawn = mesh.with_smooth_regions(&field, Some(&of_volume)).unwrap();
+        check(&drawn, &mesh);
+        let [before, after] = [roughness(&mesh), roughness(&drawn.mesh)];
+        assert!(after < 0.25 * before, "{before} {after}");
+        // A volume without labels of the mesh leaves the boundary where its nodes are.
+        let nothing = |_: DVec3, _: f64| vec![(99, 1.0)];
+        let unknown = mesh.with_smooth_regions(&field, Some(&nothing)).unwrap();
+        check(&unknown, &mesh);
+        assert!(roughness(&unknown.mesh) > 2.0 * after);
+    }
+
+    #[test]
+    fn no_region_vanishes() {
+        let (mut mesh, mut field) = halves();
+        // A single tet.
+        field.values.fill(3.0);
+        field.values[170] = 7.0;
+        mesh.set_field(field.clone()).unwrap();
+        let nothing = |_: DVec3, _: f64| vec![(3i64, 1.0)];
+        for of_volume in [None, Some(&nothing as SharesAt)] {
+            let drawn = mesh.with_smooth_regions(&field, of_volume).unwrap();
+            check(&drawn, &mesh);
+            let labels = &drawn.mesh.field("label", Location::Cell).unwrap().values;
+            assert!(labels.contains(&7.0) && labels.contains(&3.0));
+        }
+    }
+
+    #[test]
+    fn thin_layers_keep_their_volume() {
+        let (mut mesh, mut field) = halves();
+        let layer = |t: usize| mesh.tet_nodes(t).iter().map(|p| p.x).sum::<f64>() / 4.0;
+        field.values = (0..mesh.tets.len())
+            .map(|t| {
+                if (0.5..0.625).contains(&layer(t)) {
+                    7.0
+                } else {
+                    3.0
+                }
+            })
+            .collect();
+        mesh.set_field(field.clone()).unwrap();
+        let volume = |mesh: &TetMesh| -> f64 {
+            let labels = &mesh.field("label", Location::Cell).unwrap().values;
+            (0..mesh.tets.len())
+                .filter(|t| labels[*t] == 7.0)
+                .map(|t| mesh.tet_volume(t))
+                .sum()
+        };
+        let drawn = mesh.with_smooth_regions(&field, None).unwrap();
+        check(&drawn, &mesh);
+        let ratio = volume(&drawn.mesh) / volume(&mesh);
+        assert!((0.6..1.6).contains(&ratio), "{ratio}");
+    }
+}
