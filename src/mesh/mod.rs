@@ -25,6 +25,7 @@ mod quadratic_elements;
 mod quadratic_shape;
 mod quality;
 mod region_field;
+mod region_shares;
 mod region_surface;
 mod repair;
 mod same_connectivity;

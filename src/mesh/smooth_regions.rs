@@ -2,6 +2,7 @@
 //! where the interpolated shares of the regions are equal.
 
 use super::finer_space::FinerSpace;
+use super::region_shares::{Shares, add, blend, largest, normalise, share_of, tet_shares};
 use super::{ElementOrder, FACES, Field, Location, TET_EDGES, TetMesh};
 use crate::{Result, parallel};
 use glam::DVec3;
@@ -59,9 +60,6 @@ impl SmoothRegions {
     }
 }
 
-/// Shares of regions at a node, in ascending order of the regions.
-type Shares = Vec<(u32, f64)>;
-
 impl TetMesh {
     /// Returns this mesh, at rest, with boundaries of the regions of `field` (whole numbers in the tets)
     /// that do not follow its faces. The shares of the regions are `of_volume` where a label volume is
@@ -117,59 +115,6 @@ impl TetMesh {
             weights: drawn.weights,
         })
     }
-}
-
-/// Returns the share of the solid angle of each region at each node.
-fn tet_shares(mesh: &TetMesh, regions: &[u32]) -> Vec<Shares> {
-    let mut shares: Vec<Shares> = vec![Vec::new(); mesh.nodes.len()];
-    for (tet, region) in mesh.tets.iter().zip(regions) {
-        let x = tet.map(|v| mesh.nodes[v as usize]);
-        for corner in 0..4 {
-            add(
-                &mut shares[tet[corner] as usize],
-                *region,
-                solid_angle(x, corner),
-            );
-        }
-    }
-    shares.iter_mut().for_each(normalise);
-    shares
-}
-
-/// Returns the solid angle of a tet at one of its corners.
-fn solid_angle(x: [DVec3; 4], corner: usize) -> f64 {
-    let [a, b, c] = [1, 2, 3].map(|k| (x[(corner + k) % 4] - x[corner]).normalize_or_zero());
-    let triple = a.dot(b.cross(c)).abs();
-    2.0 * triple.atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a)).abs()
-}
-
-fn add(shares: &mut Shares, region: u32, share: f64) {
-    match shares.binary_search_by_key(&region, |s| s.0) {
-        Ok(k) => shares[k].1 += share,
-        Err(k) => shares.insert(k, (region, share)),
-    }
-}
-
-fn normalise(shares: &mut Shares) {
-    let sum: f64 = shares.iter().map(|s| s.1).sum();
-    if sum > 0.0 {
-        shares.iter_mut().for_each(|s| s.1 /= sum);
-    }
-}
-
-fn share_of(shares: &Shares, region: u32) -> f64 {
-    shares
-        .binary_search_by_key(&region, |s| s.0)
-        .map_or(0.0, |k| shares[k].1)
-}
-
-/// Returns the region with the largest share; the first one of equal ones.
-fn largest(shares: &Shares) -> u32 {
-    let best = shares.iter().fold(
-        (0, f64::NEG_INFINITY),
-        |best, s| if s.1 > best.1 { *s } else { best },
-    );
-    best.0
 }
 
 /// A mesh in progress.
@@ -506,13 +451,6 @@ fn mix((a, b): (&Carriers, &Carriers), share: f64) -> Carriers {
     let first = found.first().map_or(0, |own| own.0);
     let at = |k: usize| found.get(k).copied().unwrap_or((first, 0.0));
     ([0, 1, 2, 3].map(|k| at(k).0), [0, 1, 2, 3].map(|k| at(k).1))
-}
-
-/// Returns `(1 − share) a + share b`.
-fn blend((a, b): (&Shares, &Shares), share: f64) -> Shares {
-    let mut sum: Shares = a.iter().map(|s| (s.0, (1.0 - share) * s.1)).collect();
-    b.iter().for_each(|s| add(&mut sum, s.0, share * s.1));
-    sum
 }
 
 #[cfg(test)]
