@@ -60,8 +60,7 @@ pub struct PressArguments {
     /// stress
     #[arg(long, value_name = "FIELD", value_parser = shown)]
     show: Option<BodyField>,
-    /// Draw pressed.png and press.gif as rest.png, with the camera and mode of the scene, and the
-    /// fingertip as a ball
+    /// Draw pressed.png and press.gif as rest.png, with the camera and mode of the scene
     #[arg(long, conflicts_with = "show")]
     scene_view: bool,
     /// Leave out the error estimate, which takes two to four times as long as the steps of the press
@@ -87,7 +86,7 @@ fn shown(text: &str) -> std::result::Result<BodyField, String> {
 pub struct PressView {
     /// Isolines on the cut face.
     pub show: Option<BodyField>,
-    /// Draws with the camera of the scene, and the fingertip as a ball.
+    /// Draws with the camera and mode of the scene.
     pub scene_view: bool,
 }
 

@@ -6,6 +6,7 @@
 
 mod curve;
 mod error;
+mod finger;
 mod interactive;
 mod interactive_error;
 mod map;
@@ -166,6 +167,7 @@ impl Press {
         let fixed_nodes = fixed.filter(|pinned| **pinned).count();
         let mut session = PressSession::new(setup, motion);
         session.touch_site(motion, &Boundary::at_rest(motion), question.site)?;
+        session.turn_finger(motion, -question.camera.axes().forward)?;
         let unit = motion.length_unit();
         let shape_error = motion.simulator.mesh().repairs.surface_distance;
         let shape_error = shape_error.map(|distances| distances.map(|d| unit * d));

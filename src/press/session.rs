@@ -11,7 +11,7 @@ use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
 use crate::scene::{Motion, Stage};
 use crate::{Error, FailureCause, ProgressFn, Result};
-use glam::DVec3;
+use glam::{DMat3, DQuat, DVec3};
 
 /// Initial distance of the fingertip from the body, relative to its radius.
 pub(super) const INITIAL_CLEARANCE: f64 = 0.02;
@@ -91,6 +91,8 @@ impl PressSession {
         let boundary = Boundary::new(mesh, topology, &x);
         let site = boundary.site_at(point, self.setup.radius);
         self.touch_site(motion, &boundary, site)?;
+        let to_eye = -stage.camera_mut().axes().forward;
+        self.turn_finger(stage.motion_mut().ok_or_else(static_body)?, to_eye)?;
         Ok(site)
     }
 
@@ -120,6 +122,20 @@ impl PressSession {
         self.contact = Some(contact);
         self.samples.clear();
         Ok(())
+    }
+
+    /// Turns the finger that is drawn: it presses against the outward direction of its site, and the hand is
+    /// to the right of the eye, which is in the direction `to_eye`.
+    ///
+    /// # Errors
+    /// [`Error::Input`] without a placed fingertip.
+    pub(super) fn turn_finger(&self, motion: &mut Motion, to_eye: DVec3) -> Result<()> {
+        let outward = self.contact.as_ref().ok_or_else(not_placed)?.site.outward;
+        let right = outward
+            .cross(to_eye)
+            .normalize_or(outward.any_orthonormal_vector());
+        let axes = DMat3::from_cols(right, outward.cross(right), outward);
+        motion.turn_tool(self.setup.tool, DQuat::from_mat3(&axes))
     }
 
     /// Sets the depth, in file units, to which the next step of `motion` takes the fingertip.

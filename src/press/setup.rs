@@ -1,5 +1,6 @@
 //! The scene of a press: a body on a table, with a fingertip.
 
+use super::finger::Finger;
 use super::site::PressSite;
 use super::support_table::Table;
 use super::validity::in_pieces;
@@ -10,6 +11,7 @@ use crate::physics::{Engine, EngineChoice, SolverKind};
 use crate::scene::{AccuracyEntry, OrderChoice, Scene, SphereEntry, ToolEntry};
 use crate::{Error, Result};
 use glam::DVec3;
+use std::sync::Arc;
 
 /// Time step between presses of a body without a solver, s.
 const STEP: f64 = 0.02;
@@ -98,7 +100,7 @@ impl PressSetup {
             name: Some(NAME.into()),
             sphere: Some(SphereEntry { radius }),
             at: parking.to_array(),
-            colour: Some([0.87, 0.72, 0.62]),
+            drawn: Some(Arc::new(Finger::tool_surface(radius))),
             ..ToolEntry::default()
         });
         PressSetup {

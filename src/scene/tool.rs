@@ -152,7 +152,10 @@ impl ToolEntry {
 
 /// Applies the colour and opacity of a tool to its surface.
 pub(super) fn apply_appearance(entry: &ToolEntry, skin: &mut Skin) -> Result<()> {
-    skin.set_colour(&SkinColouring::Plain(entry.colour.unwrap_or(GREY)))?;
+    match &entry.drawn {
+        Some(drawn) => skin.set_vertex_colours(&drawn.colours)?,
+        None => skin.set_colour(&SkinColouring::Plain(entry.colour.unwrap_or(GREY)))?,
+    }
     skin.set_opacity(entry.opacity.unwrap_or(1.0))
 }
 
@@ -179,7 +182,13 @@ impl Scene {
             .enumerate()
             .filter(|(_, tool)| !tool.hidden);
         drawn
-            .map(|(i, tool)| Ok((i, tool.surface((high - low).length())?)))
+            .map(|(i, tool)| {
+                let surface = match &tool.drawn {
+                    Some(drawn) => drawn.mesh.clone(),
+                    None => tool.surface((high - low).length())?,
+                };
+                Ok((i, surface))
+            })
             .collect()
     }
 }

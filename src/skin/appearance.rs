@@ -48,9 +48,23 @@ impl Skin {
                 self.vertices.sources.iter().map(of).collect()
             }
         };
+        self.upload_colours(&colours)
+    }
+
+    /// Sets the colours of the vertices of its surface.
+    pub(crate) fn set_vertex_colours(&mut self, colours: &[[f32; 3]]) -> Result<()> {
+        let of = |v: &u32| {
+            let [r, g, b] = colours[*v as usize];
+            [r, g, b, 1.0]
+        };
+        let colours: Vec<[f32; 4]> = self.vertices.sources.iter().map(of).collect();
+        self.upload_colours(&colours)
+    }
+
+    fn upload_colours(&mut self, colours: &[[f32; 4]]) -> Result<()> {
         // A new array, because images that are recorded but not yet submitted still use the old
         // one.
-        self.colours = self.gpu.array_of("skin colours", Texel::F32x4, &colours)?;
+        self.colours = self.gpu.array_of("skin colours", Texel::F32x4, colours)?;
         self.draws.clear();
         Ok(())
     }

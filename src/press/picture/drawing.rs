@@ -1,8 +1,9 @@
 //! Composes the picture of a press from plain data: the cut body, the finger, the outline at rest and
 //! the inset of the whole body.
 
+use super::super::finger::Finger;
 use super::body::{Body, Cut, Isolines};
-use super::finger::Finger;
+use super::finger::draw_finger;
 use super::overlay::Pen;
 use super::raster::{Kind, Raster, SAMPLES, Shadow};
 use super::view::View;
@@ -101,11 +102,11 @@ impl Subject<'_> {
         self.body.draw_boundary(&mut raster, &view, Some(&cut));
         self.body
             .draw_cut(&mut raster, &view, &cut, self.lines.as_ref());
-        finger.draw(&mut raster, &view);
+        draw_finger(&finger, &mut raster, &view);
         let mut shadow = Shadow::new(&view, self.site, 7.0 * self.radius);
         let lamp = shadow.view;
         self.body.draw_boundary(&mut shadow.map, &lamp, Some(&cut));
-        finger.draw(&mut shadow.map, &lamp);
+        draw_finger(&finger, &mut shadow.map, &lamp);
         let mut pixels = raster.lit(&view, Some(&shadow));
         let place = |p: DVec3| {
             let at = view.project(p);
@@ -188,7 +189,7 @@ impl Subject<'_> {
         let view = self.whole_view(layout, fine);
         let mut raster = Raster::new(fine);
         self.body.draw_boundary(&mut raster, &view, None);
-        finger.draw(&mut raster, &view);
+        draw_finger(finger, &mut raster, &view);
         let drawn = raster.lit(&view, None);
         for (y, x) in (0..small[1]).flat_map(|y| (0..small[0]).map(move |x| (y, x))) {
             let from = 4 * (y * small[0] + x) as usize;

@@ -23,4 +23,4 @@ pub use output::OutputEntry;
 pub use picture::{CameraEntry, LightEntry, PictureEntry, RegionAppearanceEntry, XrayEntry};
 pub(in crate::scene) use scan::scans;
 pub use scan::{LabelAppearanceEntry, ScanEntry};
-pub(crate) use tool::{ContactEntry, SphereEntry, ToolEntry};
+pub(crate) use tool::{ContactEntry, SphereEntry, ToolEntry, ToolSurface};

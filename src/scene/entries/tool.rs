@@ -1,7 +1,9 @@
 //! Entries of contact: tools, and self-contact of the body.
 
+use crate::mesh::TriMesh;
 use serde::Deserialize;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Self-contact of the body: between its pieces and within its folds. Requires finite elements on
 /// the CPU engine, stepped by `implicit` or `bdf2`.
@@ -114,6 +116,17 @@ pub(crate) struct ToolEntry {
     /// Whether it is not drawn.
     #[serde(default)]
     pub hidden: bool,
+    /// What is drawn in place of its shape.
+    #[serde(skip)]
+    pub drawn: Option<Arc<ToolSurface>>,
+}
+
+/// A surface that is drawn in place of a tool's shape, in the frame of the tool.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ToolSurface {
+    pub mesh: TriMesh,
+    /// Colour of each vertex.
+    pub colours: Vec<[f32; 3]>,
 }
 
 /// A sphere.

@@ -4,7 +4,7 @@ use super::Stage;
 use crate::physics::{Capability, ToolId, ToolPose};
 use crate::scene::Motion;
 use crate::{Error, Result};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 impl Motion {
     /// Sets the target of a tool, by its index in the scene: the tool moves there straight within
@@ -23,6 +23,17 @@ impl Motion {
     /// As [`Motion::set_tool_target`].
     pub fn teleport_tool(&mut self, number: usize, place: DVec3) -> Result<()> {
         let (id, pose) = self.interactive_tool(number, place)?;
+        self.simulator.loads_mut().teleport_tool(id, pose)
+    }
+
+    /// Turns a tool in place, at once, from its own frame by a rotation.
+    ///
+    /// # Errors
+    /// As [`Motion::set_tool_target`].
+    pub(crate) fn turn_tool(&mut self, number: usize, rotation: DQuat) -> Result<()> {
+        let (id, _) = self.interactive_tool(number, DVec3::ZERO)?;
+        let place = self.simulator.loads().tool(id)?.position();
+        let pose = ToolPose::new(place, rotation);
         self.simulator.loads_mut().teleport_tool(id, pose)
     }
 
