@@ -13,6 +13,8 @@ const NAIL: [f32; 3] = [0.98, 0.86, 0.82];
 const NAIL_EDGE: [f32; 3] = [0.99, 0.96, 0.93];
 /// Length of the finger beyond the centre of its tip, in radii.
 const LENGTH: f64 = 9.0;
+/// Length of its rounded end, in radii.
+const END: f64 = 0.9;
 /// Rings along the finger, and points around it.
 const RINGS: usize = 96;
 const POINTS: usize = 72;
@@ -78,6 +80,8 @@ impl Finger {
                     + 0.05 * pad * (1.0 - (s - 0.9).abs()).max(0.0)
             }
         };
+        let behind = ((s - LENGTH) / END + 1.0).clamp(0.0, 1.0);
+        let width = width * (1.0 - behind * behind).sqrt();
         self.centre + self.radius * (s * self.along + (width + raised) * out)
     }
 
@@ -111,36 +115,31 @@ impl Finger {
     pub fn tool_surface(radius: f64) -> ToolSurface {
         let finger = Finger::pressing(DVec3::ZERO, radius, DVec3::Z, (DVec3::X, DVec3::NEG_Y));
         let places = (0..=RINGS).flat_map(|ring| (0..POINTS).map(move |point| place(ring, point)));
-        // The last one is the middle of the end.
         let places: Vec<[f64; 2]> = places.collect();
-        let end = places.len() as u32;
         let at = |ring: usize, point: usize| (ring * POINTS + point % POINTS) as u32;
         let quads = (0..RINGS).flat_map(|ring| (0..POINTS).map(move |point| (ring, point)));
-        let sides = quads.flat_map(|(ring, point)| {
+        let triangles = quads.flat_map(|(ring, point)| {
             let [a, b, c, d] =
                 [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(i, j)| at(ring + i, point + j));
-            // At the tip the first ring is a point.
+            // The first and the last ring are points.
             let first = (ring > 0).then_some([a, d, c]);
-            first.into_iter().chain([[a, c, b]])
+            let second = (ring + 1 < RINGS).then_some([a, c, b]);
+            first.into_iter().chain(second)
         });
-        let lid = (0..POINTS).map(|point| [at(RINGS, point), end, at(RINGS, point + 1)]);
-        let middle = finger.centre + radius * LENGTH * finger.along;
-        let points = places.iter().map(|p| finger.point(*p));
-        let colours = places.iter().map(|p| Finger::look(*p).1);
         ToolSurface {
             mesh: TriMesh {
-                vertices: points.chain([middle]).collect(),
-                triangles: sides.chain(lid).collect(),
+                vertices: places.iter().map(|p| finger.point(*p)).collect(),
+                triangles: triangles.collect(),
                 ..TriMesh::default()
             },
-            colours: colours.chain([SKIN]).collect(),
+            colours: places.iter().map(|p| Finger::look(*p).1).collect(),
         }
     }
 
     /// Returns the outward unit normal at such a place.
     pub fn normal(&self, [s, angle]: [f64; 2]) -> DVec3 {
         let step = 0.02;
-        let s = s.clamp(-0.999 + step, LENGTH);
+        let s = s.clamp(-0.999 + step, LENGTH - 2.0 * step);
         let ds = self.point([s + step, angle]) - self.point([s - step, angle]);
         let da = self.point([s, angle + step]) - self.point([s, angle - step]);
         let normal = da.cross(ds).normalize_or_zero();
@@ -181,15 +180,16 @@ mod tests {
         let radius = 0.7;
         let ToolSurface { mesh, colours } = Finger::tool_surface(radius);
         assert_eq!(colours.len(), mesh.vertices.len());
-        // Each edge is used once in each direction, but for those of the tip, whose points coincide.
+        // Each edge is used once in each direction, but for those of the ends, whose points coincide.
         let mut directed = std::collections::BTreeMap::new();
         for [a, b, c] in &mesh.triangles {
             for edge in [[a, b], [b, c], [c, a]] {
                 *directed.entry(edge).or_insert(0) += 1;
             }
         }
-        let at_tip = |[a, b]: &[&u32; 2]| (**a as usize) < POINTS && (**b as usize) < POINTS;
-        for ([a, b], count) in directed.iter().filter(|(edge, _)| !at_tip(edge)) {
+        let ring = |v: &u32| *v as usize / POINTS;
+        let at_end = |[a, b]: &[&u32; 2]| ring(a) == ring(b) && [0, RINGS].contains(&ring(a));
+        for ([a, b], count) in directed.iter().filter(|(edge, _)| !at_end(edge)) {
             assert_eq!((*count, directed.get(&[*b, *a])), (1, Some(&1)), "{a} {b}");
         }
         let signed = |t: &[u32; 3]| {
