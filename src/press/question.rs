@@ -36,6 +36,8 @@ impl Question {
         let mut still = setup.scene.clone();
         still.solver.name = None;
         still.tool.clear();
+        // Only its shape is looked at; strain and stress need a body that is simulated.
+        still.picture.field = None;
         // The default site is at the centre of this view, which is the same for all pictures.
         still.camera.frame_all.get_or_insert(true);
         let mut still = Stage::with_mesh(gpu, &still, mesh)?;

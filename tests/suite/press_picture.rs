@@ -83,3 +83,11 @@ fn picture_of_a_press_rejects_sizes_it_cannot_draw() {
     }
     assert_eq!(press.stage().picture_background(), Background::Gradient);
 }
+
+#[test]
+fn scene_that_shows_a_computed_field_is_pressed() {
+    let scene = block("[picture]\nfield = \"strain\"\n");
+    let mut press = Press::new(&gpu(), &scene, &finger()).unwrap();
+    press.keep_picture(None).unwrap();
+    press.picture(SIZE).unwrap();
+}
