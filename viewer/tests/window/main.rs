@@ -21,7 +21,7 @@ const OTHER: f64 = 0.02;
 /// Frames that take longer, ms, are printed; ten times as long counts as a hang.
 const SLOW: f64 = 250.0;
 /// Number of rounds in the memory test.
-const ROUNDS: usize = 8;
+const ROUNDS: usize = 6;
 
 fn apart(a: &Image, b: &Image) -> f64 {
     ImageDifference::between(a, b).unwrap().rmse
