@@ -347,7 +347,7 @@ impl PressedBody {
             colour: colour.map(f64::from),
         });
         (self.names.len() > 1 && !regions.is_empty()).then(|| Legend::Regions {
-            name: "beneath".into(),
+            name: "regions".into(),
             regions: regions.into_iter().chain(surface).collect(),
         })
     }
