@@ -332,7 +332,10 @@ fn press_error(
     let wanted = PressOptions {
         at: Some(place.at),
         radius: Some(presses.radius),
-        depth: place.depths.last().map(|depth| depth / body.unit()),
+        depth: place
+            .observed
+            .last()
+            .map(|observed| observed.depth / body.unit()),
         ..PressOptions::default()
     };
     let mut press = Press::with_mesh(body.gpu, (scene, mesh.clone()), &wanted)?;

@@ -25,6 +25,8 @@ mod validity;
 
 pub use curve::{Bed, PressConditions, PressReport, PressSample};
 pub use interactive::InteractiveStage;
+#[cfg(feature = "identify")]
+pub(crate) use map::fitted_depths;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 #[cfg(feature = "identify")]
 pub(crate) use presser::Presser;
