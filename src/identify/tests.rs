@@ -48,6 +48,8 @@ fn derivative_errors(names: &[&str], values: &[f64], step: f64) -> [f64; 2] {
     let gpu = gpu();
     let scene = Scene::parse(LAYERS).unwrap();
     let body = MeasuredBody::new(&gpu, &scene, &data(), &options(names)).unwrap();
+    // The second prediction begins where the first one ended: the viscous forces of a step, of 4e-6, are gone.
+    body.predict(values, &no_progress).unwrap();
     let found = body.predict(values, &no_progress).unwrap();
     let mut worst = [0.0f64; 2];
     for k in 0..values.len() {

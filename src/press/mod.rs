@@ -29,7 +29,7 @@ pub use interactive::InteractiveStage;
 pub(crate) use map::fitted_depths;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 #[cfg(feature = "identify")]
-pub(crate) use presser::Presser;
+pub(crate) use presser::{Asked, Presser};
 pub use session::PressSession;
 pub(crate) use setup::PressSetup;
 pub use site::PressSite;
