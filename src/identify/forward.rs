@@ -255,6 +255,7 @@ impl<'a> MeasuredBody<'a> {
                 Kind::Density(tissue) => scene.material.set_density(tissue.as_deref(), *value),
                 Kind::DampingRatio => scene.material.damping_ratio = Some(*value),
                 Kind::Pressure(n) => scene.set_pressure(*n, *value),
+                Kind::ToolFriction(name) => scene.set_tool_friction(name, *value),
                 Kind::Gravity(axis) => {
                     scene.solver.gravity.get_or_insert_default()[*axis] = *value;
                 }
@@ -295,8 +296,8 @@ impl<'a> MeasuredBody<'a> {
                     }
                 }
                 BodyExperimentKind::Recorded(recorded) => {
-                    let own = match recorded.swings() {
-                        true => self.predict_swing(recorded, values, progress),
+                    let own = match recorded.is_over_time() {
+                        true => self.predict_over_time(recorded, values, progress),
                         false => self.predict_rest(recorded, values),
                     };
                     let own = own.map_err(|error| match error {

@@ -12,6 +12,7 @@ mod forward;
 mod least_squares;
 mod lump;
 mod lump_start;
+mod marker_motion;
 mod picture;
 mod predict_presses;
 mod predict_recordings;

@@ -1,6 +1,8 @@
 //! Derivatives of predicted numbers against central differences, and twins.
 #![allow(clippy::unwrap_used)]
 
+mod friction;
+
 use super::forward::MeasuredBody;
 use super::*;
 use crate::no_progress;
