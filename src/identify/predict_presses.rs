@@ -20,9 +20,12 @@ const DIFFERENCE: f64 = 0.02;
 /// Largest number of positions of nodes that are kept.
 const MOST_KEPT: usize = 1 << 24;
 
-/// Where the nodes were at each depth of the presses of the last prediction: the next one begins there.
+/// Positions of the nodes at each depth of a press.
+type Positions = Vec<Vec<DVec3>>;
+
+/// Where the nodes were in the presses of the last prediction: the next one begins there.
 #[derive(Default)]
-pub(super) struct PressedStates(Mutex<BTreeMap<[u64; 5], Arc<Vec<Vec<DVec3>>>>>);
+pub(super) struct PressedStates(Mutex<BTreeMap<[u64; 5], Arc<Positions>>>);
 
 impl PressedStates {
     fn key((radius, place): (f64, &Place)) -> [u64; 5] {
@@ -30,12 +33,12 @@ impl PressedStates {
         [place.at.x, place.at.y, place.at.z, radius, deepest].map(f64::to_bits)
     }
 
-    fn of(&self, press: (f64, &Place)) -> Option<Arc<Vec<Vec<DVec3>>>> {
+    fn of(&self, press: (f64, &Place)) -> Option<Arc<Positions>> {
         let all = self.0.lock().unwrap_or_else(|e| e.into_inner());
         all.get(&PressedStates::key(press)).cloned()
     }
 
-    fn keep(&self, press: (f64, &Place), positions: Vec<Vec<DVec3>>) {
+    fn keep(&self, press: (f64, &Place), positions: Positions) {
         let mut all = self.0.lock().unwrap_or_else(|e| e.into_inner());
         let key = PressedStates::key(press);
         let own: usize = positions.iter().map(Vec::len).sum();

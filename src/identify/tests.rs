@@ -50,8 +50,6 @@ fn derivative_errors(names: &[&str], values: &[f64], step: f64) -> [f64; 2] {
     let gpu = gpu();
     let scene = Scene::parse(LAYERS).unwrap();
     let body = MeasuredBody::new(&gpu, &scene, &data(), &options(names)).unwrap();
-    // The second prediction begins where the first one ended: the viscous forces of a step, of 4e-6, are gone.
-    body.predict(values, &no_progress).unwrap();
     let found = body.predict(values, &no_progress).unwrap();
     let mut worst = [0.0f64; 2];
     for k in 0..values.len() {
@@ -78,14 +76,13 @@ fn derivative_errors(names: &[&str], values: &[f64], step: f64) -> [f64; 2] {
     worst
 }
 
-/// The stiffness of the contact barrier follows the moduli, which the adjoint method leaves out; at a fixed
-/// barrier both agree to 1e-6 (`gradients_under_tools_match_differences`).
+/// Derivatives under contact, by all that changes with the moduli: the stiffness of the contact barrier too.
 #[test]
 fn derivatives_match_differences() {
     let names = ["material.young", "material.poisson"];
     let [error, wrong] = derivative_errors(&names, &[2e4, 0.4], 1e-3);
     println!("material: {error:.1e}, {wrong:.1e}");
-    assert!(error < 1e-5 && wrong > 5e-5, "{error} {wrong}");
+    assert!(error < 1e-6 && wrong > 5e-5, "{error} {wrong}");
 }
 
 /// A lump changes the stiffness of elements smoothly but for kinks.
@@ -219,7 +216,8 @@ fn search_goes_on_from_its_steps() {
     let (again, more) = run(vec![last.clone()]);
     assert!((again / value - 1.0).abs() < 1e-4, "{again} {value}");
     assert_eq!((more[0].step, more[0].start), (last.step, 1));
-    assert!((more[0].misfit / last.misfit - 1.0).abs() < 1e-9);
+    // Its first prediction does not begin where the last one left the body.
+    assert!((more[0].misfit / last.misfit - 1.0).abs() < 1e-6);
     assert!(more.len() <= steps.len());
 }
 

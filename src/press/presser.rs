@@ -49,7 +49,13 @@ impl Presser {
     /// # Errors
     /// As [`PressSetup::on_table`] and [`Motion::new`]; [`Error::Input`] for a body without gradients.
     pub fn new(gpu: &Gpu, scene: &Scene, mesh: &TetMesh, radius: f64) -> Result<Presser> {
-        let setup = PressSetup::on_table(scene, mesh, Some(radius))?;
+        let mut setup = PressSetup::on_table(scene, mesh, Some(radius))?;
+        let material = &mut setup.scene.material;
+        if material.damping.is_none_or(|own| own == 0.0) {
+            // Viscous forces of a step, however long, are no part of the equilibrium that has derivatives.
+            material.damping = Some(0.0);
+            (material.damping_ratio, material.damping_hz) = (None, None);
+        }
         let kind = SolverKind::Implicit;
         let (mut motion, _) = Motion::new(gpu, &setup.scene, kind, mesh.clone(), None)?;
         let gradients = motion.simulator.gradients();

@@ -390,7 +390,8 @@ impl Case {
             Parameter::Amplitude(_) => 5e-3,
             Parameter::ToolPosition { .. } => 2e-6,
             Parameter::ToolRotation { .. } => 2e-4,
-            Parameter::ToolFriction { .. } => 1e-2,
+            // A node that begins to slide is a kink.
+            Parameter::ToolFriction { .. } => 2e-3,
             Parameter::Support { .. } => 2e-5,
             Parameter::RestPosition { .. } | Parameter::InitialPosition { .. } => 2e-5,
             Parameter::InitialVelocity { .. } => 2e-3,
