@@ -111,8 +111,8 @@ def identify(
         unknown: names of the unknowns: ``material.young``, ``material.TISSUE.young``,
             ``material.poisson``, ``material.TISSUE.poisson``, ``material.density``,
             ``material.TISSUE.density``, ``material.damping_ratio``, ``gravity.x`` (``y``, ``z``),
-            ``pressure.N``, ``finger.x`` (``y``, ``z``: how far the fingertip was from the stated places),
-            ``lump``, a ball with another stiffness, or ``stiffness:cage:LENGTH`` (such as ``8mm``, with
+            ``pressure.N``, ``tool.NAME.friction``, ``finger.x`` (``y``, ``z``: how far the fingertip was
+            from the stated places), ``lump``, a ball with another stiffness, or ``stiffness:cage:LENGTH`` (such as ``8mm``, with
             ``:piecewise`` behind it for sharp edges), factors on a grid. Without any, measured and
             predicted numbers are compared.
         noise: standard deviation of the measured numbers, such as 0.02: of a curve relative to its largest

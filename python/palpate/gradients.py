@@ -38,6 +38,7 @@ __all__ = [
     "Stress",
     "Support",
     "ToolForce",
+    "ToolFriction",
     "ToolPosition",
     "ToolRotation",
     "Volume",
@@ -180,6 +181,13 @@ class ToolRotation:
 
 
 @dataclass(frozen=True)
+class ToolFriction:
+    """Coefficient of friction of a tool that has friction; of a motion."""
+
+    tool: int
+
+
+@dataclass(frozen=True)
 class Support:
     """Position of fixed nodes along a direction, in the mesh's unit."""
 
@@ -233,6 +241,7 @@ Parameter = Union[
     Amplitude,
     ToolPosition,
     ToolRotation,
+    ToolFriction,
     Support,
     RestPosition,
     InitialPosition,

@@ -164,6 +164,7 @@ fn to_parameter(body: &dyn Simulator, item: &Item) -> Result<Parameter> {
             tool,
             axis: direction,
         },
+        "ToolFriction" => Parameter::ToolFriction { tool },
         "Support" => Parameter::Support {
             nodes: numbers.to_vec(),
             direction,

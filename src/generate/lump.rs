@@ -172,7 +172,7 @@ fn volume(filled: &MeshedDomain, region: u16) -> f64 {
 }
 
 /// Returns the centre and radius of a lump.
-fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
+pub(super) fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
     let wrong = |why: String| Err(Error::Input(why));
     let positive = |x: f64| x.is_finite() && x > 0.0;
     if !(positive(lump.diameter) && positive(lump.depth) && positive(lump.contrast)) {

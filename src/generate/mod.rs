@@ -24,6 +24,8 @@ pub use bar::{bar, bar_of_about, paper_bar};
 pub use benchmark::benchmark_cube;
 pub use biceps::biceps;
 pub use breast::breast;
+#[cfg(all(feature = "study", feature = "identify"))]
+pub(crate) use breast::middle_of_lump;
 pub use duct::{Bore, duct};
 pub use foot::{foot, foot_bones};
 #[cfg(feature = "study")]

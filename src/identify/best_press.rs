@@ -31,8 +31,8 @@ pub(super) fn best_press(
     };
     let (scene, mesh) = body.with_values(&best.values);
     let presser = Presser::new(body.gpu, &scene, &mesh, experiment.radius)?;
-    let depth = experiment.places.iter().flat_map(|place| &place.depths);
-    let depth = depth.copied().fold(0.0, f64::max);
+    let observed = experiment.places.iter().flat_map(|place| &place.observed);
+    let depth = observed.map(|own| own.depth).fold(0.0, f64::max);
     let places: Vec<Place> = presser
         .spread_sites(PLACES)
         .into_iter()

@@ -2,6 +2,7 @@
 
 use super::readings::DisplacementsEntry;
 use super::recording::Recording;
+use crate::press::fitted_depths;
 #[cfg(feature = "study")]
 use crate::scene::MassEntry;
 use crate::{Error, Result};
@@ -13,10 +14,6 @@ use std::path::Path;
 pub(super) const STIFFNESS: &str = "stiffness";
 /// Largest number of depths of a curve that are compared, evenly spread.
 const MAX_DEPTHS: usize = 8;
-/// Loading steps at each point of a map, as `palpate press --map`.
-const MAP_STEPS: u32 = 6;
-/// A map's stiffness is the slope where the depth is at least this part of the largest.
-const FIT_FRACTION: f64 = 0.5;
 
 /// Measured numbers, with how they were measured.
 #[derive(Clone, Debug)]
@@ -217,28 +214,17 @@ impl Experiment {
                 "{name}: a map needs a direction, a positive radius and a positive depth"
             )));
         }
-        let depths: Vec<f64> = (1..=MAP_STEPS)
-            .map(|k| depth * f64::from(k) / f64::from(MAP_STEPS))
-            .collect();
-        let deep: Vec<usize> = (0..depths.len())
-            .filter(|k| depths[*k] >= (FIT_FRACTION - 1e-9) * depth)
-            .collect();
-        let mean = deep.iter().map(|k| depths[*k]).sum::<f64>() / deep.len() as f64;
-        let spread: f64 = deep.iter().map(|k| (depths[*k] - mean).powi(2)).sum();
-        let weights: Vec<(usize, f64)> = deep
-            .iter()
-            .map(|k| (*k, (depths[*k] - mean) / spread))
-            .collect();
         let measured = points.iter().filter(|(at, k)| at.is_finite() && sound(*k));
         let places: Vec<Place> = measured
             .map(|(at, stiffness)| Place {
                 at: *at,
                 outward: -direction.normalize(),
-                depths: depths.clone(),
+                // They follow from the radius in metres, which is not known yet.
+                depths: Vec::new(),
                 observed: vec![Observed {
                     quantity: STIFFNESS.into(),
                     at: *at,
-                    weights: weights.clone(),
+                    weights: Vec::new(),
                     depth,
                     value: *stiffness,
                     scale: *stiffness,
@@ -312,7 +298,8 @@ impl Experiment {
 }
 
 impl Presses {
-    /// Returns the presses with lengths in units of `unit` metres, in which the body is.
+    /// Returns the presses with lengths in units of `unit` metres, in which the body is, and the depths of
+    /// a map.
     pub(super) fn in_unit(&self, unit: f64) -> Presses {
         let factor = self.length_unit_m.map_or(1.0, |own| own / unit);
         let mut other = self.clone();
@@ -320,9 +307,26 @@ impl Presses {
         for place in &mut other.places {
             place.at *= factor;
             place.observed.iter_mut().for_each(|own| own.at *= factor);
+            if self.is_map {
+                for own in &mut place.observed {
+                    let depths = fitted_depths(own.depth, unit * other.radius);
+                    (place.depths, own.weights) = line_weights(&depths);
+                }
+            }
         }
         other
     }
+}
+
+/// Returns the depths on which the slope of the line fitted at evenly spaced `depths` depends, with the
+/// weights of their forces: a middle one has none, and is not pressed.
+fn line_weights(depths: &[f64]) -> (Vec<f64>, Vec<(usize, f64)>) {
+    let mean = depths.iter().sum::<f64>() / depths.len() as f64;
+    let spread: f64 = depths.iter().map(|d| (d - mean).powi(2)).sum();
+    let far = |d: &f64| (d - mean).powi(2) > 1e-9 * spread;
+    let kept: Vec<f64> = depths.iter().copied().filter(far).collect();
+    let weights = kept.iter().map(|d| (d - mean) / spread).enumerate();
+    (kept.clone(), weights.collect())
 }
 
 fn curve(
@@ -429,5 +433,23 @@ impl NumberTable {
         let rows = self.rows.iter().zip(&self.phases);
         let load = rows.filter(|(_, phase)| phase.as_deref().is_none_or(|phase| phase == "load"));
         load.map(|(row, _)| row)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The weights are those of the slope that `palpate press --map` fits.
+    #[test]
+    fn slope_of_map_is_that_of_line() {
+        let (depths, weights) = line_weights(&fitted_depths(0.006, 0.012));
+        let all = [0.00392, 0.00496, 0.006];
+        let force = |d: f64| 400.0 * d.powf(1.5);
+        let pairs = all.iter().map(|d| (d - all[1]) * force(*d));
+        let line = pairs.sum::<f64>() / (2.0 * 0.00104f64.powi(2));
+        let slope: f64 = weights.iter().map(|(k, by)| by * force(depths[*k])).sum();
+        assert_eq!(depths.len(), 2);
+        assert!((slope / line - 1.0).abs() < 1e-9, "{slope} {line}");
     }
 }

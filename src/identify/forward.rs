@@ -3,6 +3,7 @@
 use super::IdentifyOptions;
 use super::data::{Experiment, ExperimentKind, Observed, Presses};
 use super::lump::{FACTOR_FIELD, Lump, LumpElements};
+use super::predict_presses::PressedStates;
 use super::recorded_body::RecordedBody;
 use super::stiffness_grid::{self, StiffnessGrid};
 use super::unknown::{Kind, ScaledUnknown, Unknown};
@@ -75,6 +76,7 @@ pub(super) struct MeasuredBody<'a> {
     pub(super) tets: Vec<Vec<u32>>,
     /// Metres per file unit.
     unit: f64,
+    pub(super) pressed: PressedStates,
 }
 
 impl<'a> MeasuredBody<'a> {
@@ -127,6 +129,7 @@ impl<'a> MeasuredBody<'a> {
             sigma: Vec::new(),
             tets,
             unit: 1.0,
+            pressed: PressedStates::default(),
         };
         body.add(data, options.noise.unwrap_or(UNIT_NOISE))?;
         Ok(body)
@@ -252,6 +255,7 @@ impl<'a> MeasuredBody<'a> {
                 Kind::Density(tissue) => scene.material.set_density(tissue.as_deref(), *value),
                 Kind::DampingRatio => scene.material.damping_ratio = Some(*value),
                 Kind::Pressure(n) => scene.set_pressure(*n, *value),
+                Kind::ToolFriction(name) => scene.set_tool_friction(name, *value),
                 Kind::Gravity(axis) => {
                     scene.solver.gravity.get_or_insert_default()[*axis] = *value;
                 }
@@ -292,8 +296,8 @@ impl<'a> MeasuredBody<'a> {
                     }
                 }
                 BodyExperimentKind::Recorded(recorded) => {
-                    let own = match recorded.swings() {
-                        true => self.predict_swing(recorded, values, progress),
+                    let own = match recorded.is_over_time() {
+                        true => self.predict_over_time(recorded, values, progress),
                         false => self.predict_rest(recorded, values),
                     };
                     let own = own.map_err(|error| match error {

@@ -12,6 +12,7 @@ mod forward;
 mod least_squares;
 mod lump;
 mod lump_start;
+mod marker_motion;
 mod picture;
 mod predict_presses;
 mod predict_recordings;
@@ -137,39 +138,51 @@ pub(crate) fn predicted(gpu: &Gpu, scene: &Scene, data: &[Experiment]) -> Result
     Ok(prediction.numbers)
 }
 
-/// Returns the intervals of unknowns that experiments with a noise relative to each number are expected to
-/// give, by Laplace's approximation at these values, for each noise.
-///
-/// # Errors
-/// As [`identify`].
+/// The intervals of unknowns that experiments with a noise relative to each number are expected to give.
 #[cfg(feature = "study")]
-pub(crate) fn expected_intervals(
-    (gpu, scene, data): (&Gpu, &Scene, &[Experiment]),
-    (unknowns, values): (Vec<Unknown>, &[f64]),
-    noises: &[f64],
-) -> Result<Vec<Vec<[f64; 2]>>> {
-    let options = IdentifyOptions {
-        unknowns,
-        noise: Some(1.0),
-        ..IdentifyOptions::default()
-    };
-    let body = MeasuredBody::new(gpu, scene, data, &options)?;
-    let found = body.predict(values, &crate::no_progress)?;
-    let unknowns = body.unknowns();
-    let jacobian = nalgebra::DMatrix::from_fn(found.numbers.len(), unknowns.len(), |i, k| {
-        found.slopes[i][k] * unknowns[k].slope(values[k]) / found.numbers[i]
-    });
-    let information = jacobian.transpose() * jacobian;
-    let of_noise = |noise: &f64| {
-        let reach = uncertainty::reach_of_noise(information.clone(), *noise);
-        let pairs = unknowns.iter().zip(values).zip(reach);
-        let ends = pairs.map(|((unknown, value), reach)| {
-            let theta = unknown.theta(*value);
-            [unknown.value(theta - reach), unknown.value(theta + reach)]
+pub(crate) struct ExpectedIntervals<'a>(MeasuredBody<'a>);
+
+#[cfg(feature = "study")]
+impl ExpectedIntervals<'_> {
+    /// Prepares the body of `scene`.
+    ///
+    /// # Errors
+    /// As [`identify`].
+    pub fn new<'a>(
+        (gpu, scene, data): (&'a Gpu, &Scene, &[Experiment]),
+        unknowns: Vec<Unknown>,
+    ) -> Result<ExpectedIntervals<'a>> {
+        let options = IdentifyOptions {
+            unknowns,
+            noise: Some(1.0),
+            ..IdentifyOptions::default()
+        };
+        MeasuredBody::new(gpu, scene, data, &options).map(ExpectedIntervals)
+    }
+
+    /// Returns the intervals by Laplace's approximation at these values, for each noise: one prediction with
+    /// its derivatives, which begins where the nodes were in the last one.
+    ///
+    /// # Errors
+    /// As [`identify`].
+    pub fn at(&self, values: &[f64], noises: &[f64]) -> Result<Vec<Vec<[f64; 2]>>> {
+        let found = self.0.predict(values, &crate::no_progress)?;
+        let unknowns = self.0.unknowns();
+        let jacobian = nalgebra::DMatrix::from_fn(found.numbers.len(), unknowns.len(), |i, k| {
+            found.slopes[i][k] * unknowns[k].slope(values[k]) / found.numbers[i]
         });
-        ends.collect()
-    };
-    Ok(noises.iter().map(of_noise).collect())
+        let information = jacobian.transpose() * jacobian;
+        let of_noise = |noise: &f64| {
+            let reach = uncertainty::reach_of_noise(information.clone(), *noise);
+            let pairs = unknowns.iter().zip(values).zip(reach);
+            let ends = pairs.map(|((unknown, value), reach)| {
+                let theta = unknown.theta(*value);
+                [unknown.value(theta - reach), unknown.value(theta + reach)]
+            });
+            ends.collect()
+        };
+        Ok(noises.iter().map(of_noise).collect())
+    }
 }
 
 /// Checks that the data may determine the unknowns.

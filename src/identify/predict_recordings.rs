@@ -8,8 +8,8 @@ use std::cell::OnceCell;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Change of θ of the differences of a swing.
-const SWING_DIFFERENCE: f64 = 0.02;
+/// Change of θ of the differences of a swing or a motion.
+const DIFFERENCE: f64 = 0.02;
 
 impl MeasuredBody<'_> {
     /// Predicts a recording at rest, with derivatives by the adjoint method.
@@ -36,8 +36,9 @@ impl MeasuredBody<'_> {
         })
     }
 
-    /// Predicts a swing, with derivatives by differences: a swing has few numbers, each of a whole motion.
-    pub(super) fn predict_swing(
+    /// Predicts a swing or a motion, with derivatives by differences: those of all numbers take one motion for
+    /// each unknown, by the adjoint method two for each number.
+    pub(super) fn predict_over_time(
         &self,
         recorded: &RecordedBody,
         values: &[f64],
@@ -47,10 +48,10 @@ impl MeasuredBody<'_> {
         for (k, unknown) in self.unknowns.iter().enumerate() {
             // Away from the upper bound.
             let theta = unknown.theta(values[k]);
-            let above = theta + SWING_DIFFERENCE;
+            let above = theta + DIFFERENCE;
             let other = match above < unknown.theta(unknown.bounds[1]) {
                 true => above,
-                false => theta - SWING_DIFFERENCE,
+                false => theta - DIFFERENCE,
             };
             let mut changed = values.to_vec();
             changed[k] = unknown.value(other);
@@ -58,7 +59,7 @@ impl MeasuredBody<'_> {
         }
         let found = on_threads(tried.len(), |n| {
             let (scene, mesh) = self.with_values(&tried[n]);
-            recorded.swing((self.gpu, &scene, &mesh), 1, progress)
+            recorded.over_time((self.gpu, &scene, &mesh), 1, progress)
         });
         let found = found.into_iter().collect::<Result<Vec<_>>>()?;
         let numbers = found[0].clone();

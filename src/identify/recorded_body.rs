@@ -35,13 +35,13 @@ const LONGEST_SWING: f64 = 2.0;
 pub(super) struct RecordedBody {
     masses: Vec<MassEntry>,
     readings: Readings,
-    recorded: Recorded,
+    pub(super) recorded: Recorded,
     pub observed: Vec<Observed>,
 }
 
 /// A body with markers.
-struct MarkedBody {
-    motion: Motion,
+pub(super) struct MarkedBody {
+    pub motion: Motion,
     rest: Vec<DVec3>,
     /// Nodes that carry each marker, with weights.
     carriers: Vec<Vec<(u32, f64)>>,
@@ -102,6 +102,23 @@ impl RecordedBody {
                     observed.push(number(RATIO.into(), *place, *ratio, *ratio));
                 }
             }
+            Recorded::Motion {
+                places,
+                times,
+                takes,
+            } => {
+                let all = takes.iter().flatten().flatten();
+                let farthest = all.map(|u| u.length()).fold(0.0, f64::max);
+                for (time, moved) in takes.iter().flat_map(|take| times.iter().zip(take)) {
+                    let markers = recording.names().into_iter().zip(places).zip(moved);
+                    for ((name, at), moved) in markers {
+                        for (axis, value) in ["x", "y", "z"].iter().zip(moved.to_array()) {
+                            let quantity = format!("{name} {axis} after {time:.4} s (m)");
+                            observed.push(number(quantity, *at, value, farthest));
+                        }
+                    }
+                }
+            }
         }
         Ok(RecordedBody {
             masses: recording.masses.clone(),
@@ -111,13 +128,32 @@ impl RecordedBody {
         })
     }
 
-    /// Whether the markers swing.
-    pub fn swings(&self) -> bool {
-        matches!(self.recorded, Recorded::Swing { .. })
+    /// Whether the markers are compared over time.
+    pub fn is_over_time(&self) -> bool {
+        matches!(
+            self.recorded,
+            Recorded::Swing { .. } | Recorded::Motion { .. }
+        )
+    }
+
+    /// Returns the numbers of a swing or a motion. Steps are `finer` times as short.
+    ///
+    /// # Errors
+    /// As a simulation step; as [`RecordedBody::swing`].
+    pub fn over_time(
+        &self,
+        body: (&Gpu, &Scene, &TetMesh),
+        finer: u32,
+        progress: ProgressFn,
+    ) -> Result<Vec<f64>> {
+        match self.recorded {
+            Recorded::Motion { .. } => self.motion(body, finer, progress),
+            _ => self.swing(body, finer, progress),
+        }
     }
 
     /// Returns the body with the loads of the recording, whose steps are of `kind`.
-    fn body(
+    pub(super) fn body(
         &self,
         gpu: &Gpu,
         (scene, mesh): (&Scene, &TetMesh),
@@ -129,9 +165,10 @@ impl RecordedBody {
         if kind == SolverKind::Implicit {
             scene.solver.tolerance.get_or_insert(EQUILIBRIUM_TOLERANCE);
         }
+        let is_motion = matches!(self.recorded, Recorded::Motion { .. });
         let (mut motion, _) = Motion::new(gpu, &scene, kind, mesh.clone(), None)?;
         motion.set_sleep_allowed(false);
-        if kind == SolverKind::Implicit {
+        if kind == SolverKind::Implicit || is_motion {
             let gradients = motion.simulator.gradients();
             Capability::Gradients
                 .require(gradients)?
@@ -140,6 +177,7 @@ impl RecordedBody {
         let places = match &self.recorded {
             Recorded::AtRest { places, field, .. } => [&places[..], &field.places].concat(),
             Recorded::Swing { place, .. } => vec![*place],
+            Recorded::Motion { places, .. } => places.clone(),
         };
         let rest = motion.simulator.mesh().nodes.clone();
         let shares = BarycentricMap::new(motion.simulator.mesh(), &places)?;
@@ -258,18 +296,7 @@ impl RecordedBody {
         let periods = takes.iter().map(|take| take.periods).max().unwrap_or(1);
         let mut held = self.body(gpu, (scene, mesh), SolverKind::Implicit)?;
         let (start, rest) = held.start_of_swing(amplitude, direction)?;
-        let kind = scene
-            .solver
-            .name
-            .as_deref()
-            .and_then(|name| name.parse().ok());
-        let kind = kind.filter(|kind| {
-            matches!(
-                kind,
-                SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint
-            )
-        });
-        let mut body = self.body(gpu, (scene, mesh), kind.unwrap_or(SolverKind::Bdf2))?;
+        let mut body = self.body(gpu, (scene, mesh), scheme_of(scene))?;
         body.motion.simulator.set_positions(&start)?;
         let longest = scene
             .solver
@@ -316,6 +343,10 @@ impl RecordedBody {
         (finer_scene, finer, factor): (&Scene, &TetMesh, f64),
         progress: ProgressFn,
     ) -> Result<f64> {
+        if let Recorded::Motion { .. } = self.recorded {
+            let finer = (finer_scene, finer, factor);
+            return self.error_of_motion((gpu, scene, mesh), finer, progress);
+        }
         let readings =
             factor * self.error_of_readings((gpu, scene, mesh), (gpu, finer_scene, finer))?;
         let own = self.displacements(gpu, scene, mesh)?;
@@ -335,7 +366,7 @@ impl RecordedBody {
             ));
         }
         let by_mesh = factor * off / largest;
-        if !self.swings() {
+        if !self.is_over_time() {
             return Ok(by_mesh.max(readings));
         }
         let [coarse, fine] = [1, 2].map(|finer| self.swing((gpu, scene, mesh), finer, progress));
@@ -383,8 +414,13 @@ impl MarkedBody {
         }
     }
 
+    /// Returns the number of markers.
+    pub fn markers(&self) -> usize {
+        self.carriers.len()
+    }
+
     /// Returns how far a marker is from its rest place, m.
-    fn displacement(&self, marker: usize) -> Result<DVec3> {
+    pub fn displacement(&self, marker: usize) -> Result<DVec3> {
         let x = self.motion.positions()?;
         Ok(self.motion.length_unit() * moved(&self.carriers[marker], &x, &self.rest))
     }
@@ -438,6 +474,19 @@ impl MarkedBody {
         }
         Ok((self.motion.positions()?, rest))
     }
+}
+
+/// Returns the scheme of a scene that steps its motions, `bdf2` if it names none for them.
+pub(super) fn scheme_of(scene: &Scene) -> SolverKind {
+    let named = scene.solver.name.as_deref();
+    let kind = named.and_then(|name| name.parse().ok());
+    let kind = kind.filter(|kind| {
+        matches!(
+            kind,
+            SolverKind::Implicit | SolverKind::Bdf2 | SolverKind::Midpoint
+        )
+    });
+    kind.unwrap_or(SolverKind::Bdf2)
 }
 
 fn moved(carriers: &[(u32, f64)], x: &[DVec3], rest: &[DVec3]) -> DVec3 {

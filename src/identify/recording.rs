@@ -2,6 +2,7 @@
 //! and other measurements of it at rest.
 
 use super::data::NumberTable;
+use super::marker_motion::position_at;
 use super::readings::{
     DisplacementsEntry, PointDisplacements, ReactionEntry, Readings, VolumeEntry,
 };
@@ -25,6 +26,8 @@ const MAX_MISPLACED: f64 = 0.2;
 /// at_rest = [5.0, 6.0]                 # s: when it is at rest under its loads
 /// axes = ["z", "-y", "x"]              # axes of the file along x, y and z of the body; fitted without
 /// swing = "tip1"                       # compare period and decay of this marker, not the rest positions
+/// motion = [0.3, 0.4, 0.5]             # s: or where the markers are then, in the motion of the scene, which
+///                                      # starts at the end of `straight`
 ///
 /// [[marker]]
 /// name = "tip1"
@@ -56,6 +59,8 @@ struct RecordingFile {
     at_rest: Option<[f64; 2]>,
     axes: Option<[String; 3]>,
     swing: Option<String>,
+    #[serde(default)]
+    motion: Vec<f64>,
     #[serde(default)]
     marker: Vec<MarkerEntry>,
     #[serde(default)]
@@ -92,6 +97,8 @@ pub(super) struct Recording {
     rotation: Option<DMat3>,
     /// Number of the marker whose swing is compared.
     swing: Option<usize>,
+    /// Times at which a motion is compared, s.
+    motion: Vec<f64>,
 }
 
 /// One take: times, s, and positions of each marker, m, in the frame of the file.
@@ -114,6 +121,13 @@ pub(super) enum Recorded {
     },
     /// The place of a marker, in file units, and its swing in each take.
     Swing { place: DVec3, takes: Vec<Swing> },
+    /// The places of the markers, in file units, times from the start of the scene, s, and for each take how
+    /// far each marker has moved at each time, m.
+    Motion {
+        places: Vec<DVec3>,
+        times: Vec<f64>,
+        takes: Vec<Vec<Vec<DVec3>>>,
+    },
 }
 
 impl Recording {
@@ -127,6 +141,7 @@ impl Recording {
             Error::format(path, format!("{e} (recordings: docs/how-to/identify.md)"))
         })?;
         let wrong = |what: String| Error::format(path, what);
+        check_motion(&file).map_err(wrong)?;
         let readings = Readings {
             reactions: file.reaction,
             volumes: file.volume,
@@ -140,9 +155,10 @@ impl Recording {
                     .into(),
             ));
         }
-        if file.swing.is_some() && has_readings {
+        let over_time = file.swing.is_some() || !file.motion.is_empty();
+        if over_time && has_readings {
             return Err(wrong(
-                "a swing is compared by itself; put [displacements], [[reaction]] and [[volume]] into a file of their own".into(),
+                "a swing or a motion is compared by itself; put [displacements], [[reaction]] and [[volume]] into a file of their own".into(),
             ));
         }
         let when = |given: Option<[f64; 2]>, key: &str| match (given, file.takes.is_empty()) {
@@ -152,7 +168,10 @@ impl Recording {
         };
         let (straight, at_rest) = (
             when(file.straight, "straight")?,
-            when(file.at_rest, "at_rest")?,
+            match file.motion.is_empty() {
+                true => when(file.at_rest, "at_rest")?,
+                false => [0.0; 2],
+            },
         );
         let rotation = match &file.axes {
             Some(axes) => Some(rotation_of(axes).ok_or_else(|| {
@@ -186,6 +205,7 @@ impl Recording {
             at_rest,
             rotation,
             swing,
+            motion: file.motion,
         })
     }
 
@@ -202,6 +222,7 @@ impl Recording {
             at_rest: [0.0; 2],
             rotation: None,
             swing: None,
+            motion: Vec::new(),
         }
     }
 
@@ -214,8 +235,17 @@ impl Recording {
         let places: Vec<DVec3> = self.markers.iter().map(|m| DVec3::from(m.at)).collect();
         let mut displacements = Vec::new();
         let mut swings = Vec::new();
+        let mut motions = Vec::new();
         for take in &self.takes {
             let straight = take.means(self.straight, "straight")?;
+            if !self.motion.is_empty() {
+                let rotation = match self.rotation {
+                    Some(rotation) => rotation,
+                    None => take.fitted_rotation(&straight, &places, unit)?,
+                };
+                motions.push(take.moved_at(&self.motion, (&straight, rotation))?);
+                continue;
+            }
             let rest = take.means(self.at_rest, "at_rest")?;
             let rotation = match self.rotation {
                 Some(rotation) => rotation,
@@ -241,6 +271,14 @@ impl Recording {
                     )
                 })?);
             }
+        }
+        if !motions.is_empty() {
+            let start = self.straight[1];
+            return Ok(Recorded::Motion {
+                places,
+                times: self.motion.iter().map(|time| time - start).collect(),
+                takes: motions,
+            });
         }
         Ok(match self.swing {
             None => Recorded::AtRest {
@@ -333,6 +371,31 @@ impl Take {
         Ok(self.positions.iter().map(mean).collect())
     }
 
+    /// Returns at each time how far each marker is from its position `straight`, after a rotation, m.
+    fn moved_at(
+        &self,
+        times: &[f64],
+        (straight, rotation): (&[DVec3], DMat3),
+    ) -> Result<Vec<Vec<DVec3>>> {
+        let at = |time: &f64| {
+            let tracks = self.positions.iter().zip(straight);
+            let moved = tracks.map(|(track, from)| {
+                position_at(&self.times, track, *time).map(|to| rotation * (to - *from))
+            });
+            moved.collect::<Option<Vec<_>>>().ok_or_else(|| {
+                Error::format(
+                    &self.file,
+                    format!(
+                        "no rows with all markers are around {time} s (motion); its times are {} to {} s",
+                        self.times.first().unwrap_or(&f64::NAN),
+                        self.times.last().unwrap_or(&f64::NAN)
+                    ),
+                )
+            })
+        };
+        times.iter().map(at).collect()
+    }
+
     /// Returns the rotation that, with a shift, takes the markers closest to their places (Kabsch 1976, "A
     /// solution for the best rotation to relate two sets of vectors").
     fn fitted_rotation(&self, from: &[DVec3], places: &[DVec3], unit: f64) -> Result<DMat3> {
@@ -366,6 +429,24 @@ impl Take {
                 crate::number_format::significant(1e3 * (off / count).sqrt())
             ),
         ))
+    }
+}
+
+/// Checks the times of a motion.
+fn check_motion(file: &RecordingFile) -> std::result::Result<(), String> {
+    if file.motion.is_empty() {
+        return Ok(());
+    }
+    if file.swing.is_some() {
+        return Err("a recording is compared by its swing or by its motion, not both; remove `swing` or `motion`".into());
+    }
+    let start = file.straight.map_or(0.0, |[_, end]| end);
+    let times = std::iter::once(&start).chain(&file.motion);
+    match times.clone().all(|time| time.is_finite()) && times.is_sorted_by(|a, b| a < b) {
+        true => Ok(()),
+        false => Err(format!(
+            "motion must be increasing times after the start at {start} s, the end of `straight`"
+        )),
     }
 }
 

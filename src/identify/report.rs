@@ -272,6 +272,7 @@ fn unit_of(kind: &Kind) -> &'static str {
         Kind::Density(_) => "kg/m³",
         Kind::Poisson(_)
         | Kind::DampingRatio
+        | Kind::ToolFriction(_)
         | Kind::LumpContrast
         | Kind::StiffnessGrid(..)
         | Kind::StiffnessNode(_) => "",
@@ -332,7 +333,10 @@ fn press_error(
     let wanted = PressOptions {
         at: Some(place.at),
         radius: Some(presses.radius),
-        depth: place.depths.last().map(|depth| depth / body.unit()),
+        depth: place
+            .observed
+            .last()
+            .map(|observed| observed.depth / body.unit()),
         ..PressOptions::default()
     };
     let mut press = Press::with_mesh(body.gpu, (scene, mesh.clone()), &wanted)?;
@@ -408,6 +412,10 @@ impl Identified {
                 ["gravity", _] => {
                     let gravity = self.scene.solver.gravity.unwrap_or_default();
                     patch.set(&["solver", "gravity"], gravity.to_vec())?;
+                }
+                ["tool", name, "friction"] => {
+                    let number = self.scene.tool_number(name)?;
+                    patch.set_in_list(("tool", number), "friction", value.value)?;
                 }
                 ["pressure", number] => {
                     let number: usize = number.parse().unwrap_or(1);

@@ -1,6 +1,8 @@
 //! Derivatives of predicted numbers against central differences, and twins.
 #![allow(clippy::unwrap_used)]
 
+mod friction;
+
 use super::forward::MeasuredBody;
 use super::*;
 use crate::no_progress;
@@ -74,14 +76,13 @@ fn derivative_errors(names: &[&str], values: &[f64], step: f64) -> [f64; 2] {
     worst
 }
 
-/// The stiffness of the contact barrier follows the moduli, which the adjoint method leaves out; at a fixed
-/// barrier both agree to 1e-6 (`gradients_under_tools_match_differences`).
+/// Derivatives under contact, by all that changes with the moduli: the stiffness of the contact barrier too.
 #[test]
 fn derivatives_match_differences() {
     let names = ["material.young", "material.poisson"];
     let [error, wrong] = derivative_errors(&names, &[2e4, 0.4], 1e-3);
     println!("material: {error:.1e}, {wrong:.1e}");
-    assert!(error < 1e-5 && wrong > 5e-5, "{error} {wrong}");
+    assert!(error < 1e-6 && wrong > 5e-5, "{error} {wrong}");
 }
 
 /// A lump changes the stiffness of elements smoothly but for kinks.
@@ -215,7 +216,8 @@ fn search_goes_on_from_its_steps() {
     let (again, more) = run(vec![last.clone()]);
     assert!((again / value - 1.0).abs() < 1e-4, "{again} {value}");
     assert_eq!((more[0].step, more[0].start), (last.step, 1));
-    assert!((more[0].misfit / last.misfit - 1.0).abs() < 1e-9);
+    // Its first prediction does not begin where the last one left the body.
+    assert!((more[0].misfit / last.misfit - 1.0).abs() < 1e-6);
     assert!(more.len() <= steps.len());
 }
 

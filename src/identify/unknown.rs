@@ -13,11 +13,12 @@ const DAMPING_BOUNDS: [f64; 2] = [1e-4, 2.0];
 const CONTRAST_BOUNDS: [f64; 2] = [0.02, 100.0];
 /// Bounds of the diameter of a lump relative to the largest extent of the body.
 const DIAMETER_BOUNDS: [f64; 2] = [0.01, 0.8];
-/// Bounds of a component of gravity, m/s²; of a pressure, Pa; of the factors of a stiffness that varies; and of
-/// the offset of the fingertip, relative to the largest extent.
+/// Bounds of a component of gravity, m/s²; of a pressure, Pa; of the factors of a stiffness that varies; of a
+/// coefficient of friction; and of the offset of the fingertip, relative to the largest extent.
 const GRAVITY_BOUNDS: [f64; 2] = [-30.0, 30.0];
 const PRESSURE_BOUNDS: [f64; 2] = [1e-3, 1e9];
 const FACTOR_BOUNDS: [f64; 2] = [0.01, 100.0];
+const FRICTION_BOUNDS: [f64; 2] = [1e-3, 10.0];
 const OFFSET_BOUND: f64 = 0.1;
 /// Changes that count as large: of Poisson's ratio, of a component of gravity, m/s², and of a position and an
 /// offset relative to the largest extent.
@@ -50,6 +51,8 @@ pub(super) enum Kind {
     Gravity(usize),
     /// A pressure of the scene, by its number, Pa.
     Pressure(usize),
+    /// The coefficient of friction of a tool of the scene, by its name.
+    ToolFriction(String),
     /// A component of how far the fingertip was from the stated places, in file units.
     FingerOffset(usize),
     /// A stiffness that varies, on a grid with cells of so many micrometres; stands for its nodes.
@@ -91,7 +94,8 @@ impl Unknown {
     /// (at the scene's `damping_hz`); `lump`, a ball with another stiffness, for the five unknowns `lump.x`,
     /// `lump.y`, `lump.z`, `lump.diameter` and `lump.contrast`; `stiffness:cage:LENGTH`, factors of the stiffness
     /// on a grid with cells of that length (such as `8mm`), smooth, or with `:piecewise` behind it; `gravity.x`
-    /// (`y`, `z`); `pressure.N`, the scene's pressure N, counted from 1; or `finger.x` (`y`, `z`), how far the
+    /// (`y`, `z`); `pressure.N`, the scene's pressure N, counted from 1; `tool.NAME.friction`, the coefficient of
+    /// friction of a tool; or `finger.x` (`y`, `z`), how far the
     /// fingertip was from the stated places.
     ///
     /// # Errors
@@ -126,13 +130,14 @@ impl Unknown {
             ["lump", "contrast"] => one(Kind::LumpContrast),
             ["gravity", axis] if let Some(k) = axis_of(axis) => one(Kind::Gravity(k)),
             ["finger", axis] if let Some(k) = axis_of(axis) => one(Kind::FingerOffset(k)),
+            ["tool", name, "friction"] => one(Kind::ToolFriction(name.to_owned())),
             ["pressure", number] if let Ok(n @ 1..) = number.parse::<usize>() => {
                 one(Kind::Pressure(n - 1))
             }
             _ if let Some(grid) = grid_of(name) => one(grid),
             _ => {
                 return Err(Error::Input(format!(
-                    "unknown \"{name}\" cannot be identified; expected material.young, material.TISSUE.young, material.poisson, material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio, lump, stiffness:cage:LENGTH (such as 8mm), gravity.x, pressure.1 or finger.x"
+                    "unknown \"{name}\" cannot be identified; expected material.young, material.TISSUE.young, material.poisson, material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio, lump, stiffness:cage:LENGTH (such as 8mm), gravity.x, pressure.1, tool.NAME.friction or finger.x"
                 )));
             }
         })
@@ -223,6 +228,7 @@ impl ScaledUnknown {
                 (GRAVITY_BOUNDS, gravity[*k], Some(GRAVITY_SCALE))
             }
             Kind::Pressure(n) => (PRESSURE_BOUNDS, scene.steady_pressure(*n)?, None),
+            Kind::ToolFriction(name) => (FRICTION_BOUNDS, scene.tool_friction(name)?, None),
             Kind::FingerOffset(_) => {
                 let most = OFFSET_BOUND * extent;
                 ([-most, most], 0.0, Some(OFFSET_SCALE * extent))
@@ -298,6 +304,8 @@ mod tests {
         );
         assert_eq!(kind("pressure.2"), Kind::Pressure(1));
         assert_eq!(kind("gravity.z"), Kind::Gravity(2));
+        let of_tool = Kind::ToolFriction("ground".into());
+        assert_eq!(kind("tool.ground.friction"), of_tool);
         for wrong in [
             "",
             "young",
@@ -308,6 +316,7 @@ mod tests {
             "stiffness:cage:8mm:odd",
             "pressure.0",
             "gravity.w",
+            "tool.friction",
         ] {
             let why = Unknown::parse(wrong).unwrap_err().to_string();
             assert!(why.contains("expected material.young"), "{why}");

@@ -26,9 +26,11 @@ mod validity;
 
 pub use curve::{Bed, PressConditions, PressReport, PressSample};
 pub use interactive::InteractiveStage;
+#[cfg(feature = "identify")]
+pub(crate) use map::fitted_depths;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 #[cfg(feature = "identify")]
-pub(crate) use presser::Presser;
+pub(crate) use presser::{Asked, Presser};
 pub use session::PressSession;
 pub(crate) use setup::PressSetup;
 pub use site::PressSite;

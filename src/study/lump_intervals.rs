@@ -1,12 +1,13 @@
-//! Second part of `study lumps`: which lumps a stiffness map determines, by the intervals of place, size and
-//! contrast that `palpate identify` is expected to give.
+//! `study lump-intervals`: which lumps a stiffness map determines, by the intervals of place, size and contrast
+//! that `palpate identify` is expected to give.
 
-use super::lumps::{breast, middle};
 use super::{Axis, Cell, Row, Run, StateMap};
 use crate::Result;
-use crate::identify::{Experiment, Unknown, expected_intervals};
+use crate::generate::{Lump, middle_of_lump};
+use crate::identify::{ExpectedIntervals, Experiment, Unknown};
 use crate::press::{MapOptions, PressMap};
-use crate::scene::OrderChoice;
+use crate::scene::Scene;
+use std::path::Path;
 
 /// Standard deviations of the noise over each stiffness, per cent.
 const NOISES: [f64; 3] = [1.0, 2.0, 5.0];
@@ -19,16 +20,30 @@ const STATES: [&str; 3] = [
     "nothing",
 ];
 const CONTRASTS: [f64; 2] = [2.0, 5.0];
-const WIDE_MM: [f64; 3] = [10.0, 15.0, 20.0];
-const DEEP_MM: [f64; 3] = [5.0, 10.0, 15.0];
-/// Quadratic tets, points of the map along a side, radius and depth of the presses, m.
-const TETS: usize = 4_000;
-const POINTS: u32 = 7;
+const WIDE_MM: [f64; 3] = [15.0, 20.0, 25.0];
+const DEEP_MM: [f64; 4] = [5.0, 10.0, 15.0, 20.0];
+/// Radius and depth of the presses, m.
 const RADIUS: f64 = 0.012;
 const DEPTH: f64 = 0.006;
 
-/// Measures and draws charts; returns the findings and the names of the charts.
-pub(super) fn run(run: &Run) -> Result<(String, Vec<String>)> {
+/// Linear tets, and points of the map along a side.
+struct Subject {
+    tets: usize,
+    points: u32,
+}
+
+/// Measures, draws charts and reports.
+pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
+    let subject = match run.quick {
+        true => Subject {
+            tets: 4_000,
+            points: 5,
+        },
+        false => Subject {
+            tets: 12_000,
+            points: 8,
+        },
+    };
     let some = |all: &[f64]| match run.quick {
         true => all[1..2].to_vec(),
         false => all.to_vec(),
@@ -38,7 +53,8 @@ pub(super) fn run(run: &Run) -> Result<(String, Vec<String>)> {
     for contrast in &contrasts {
         for wide in &wides {
             for deep in &deeps {
-                points.push(vec![(*contrast).into(), (*wide).into(), (*deep).into()]);
+                let lump = [contrast, wide, deep].map(|x| (*x).into());
+                points.push([vec![subject.tets.into()], lump.into()].concat());
             }
         }
     }
@@ -49,50 +65,59 @@ pub(super) fn run(run: &Run) -> Result<(String, Vec<String>)> {
         })
         .collect();
     let results: Vec<&str> = results.iter().map(String::as_str).collect();
+    let (scene, map) = pressed_breast(&subject)?;
+    let data = [map];
+    let body = ExpectedIntervals::new((run.gpu, &scene, &data), Unknown::parse("lump")?)?;
     let rows = run.measure(
-        "lump_intervals",
-        &["contrast", "lump_mm", "depth_mm"],
+        "lump-intervals",
+        &["tets", "contrast", "lump_mm", "depth_mm"],
         &results,
         &points,
-        |point| intervals(run, [0, 1, 2].map(|k: usize| point[k].number())),
+        |point| intervals(&body, [1, 2, 3].map(|k: usize| point[k].number())),
     )?;
     let mut charts = Vec::new();
     for contrast in &contrasts {
         for noise in NOISES {
-            let name = format!("lumps-intervals-{contrast}-{noise}");
+            let name = format!("lump-intervals-{contrast}-{noise}");
             chart((&rows, &wides, &deeps), *contrast, noise).save(run.dir, &name)?;
             charts.push(name);
         }
     }
-    Ok((describe(&rows), charts))
+    let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
+    let title = "What a stiffness map tells of a lump";
+    run.write_findings("lump-intervals", title, &describe(&rows, &subject), &charts)
 }
 
-fn column(name: &str, noise: f64) -> String {
-    format!("{name}_{noise}")
-}
-
-/// Returns for each noise half of the widest interval of a coordinate and of the diameter, mm, and the lower
-/// end of the contrast.
-fn intervals(run: &Run, [contrast, wide, deep]: [f64; 3]) -> Result<Vec<Cell>> {
-    // The lump of the mesh is as soft as the rest: that of the unknowns takes its place.
-    let mut scene = breast(TETS, [1.0, wide, deep])?;
-    scene.material.order = Some(OrderChoice::Exactly(crate::mesh::ElementOrder::Quadratic));
-    let place = middle(&scene.mesh.load()?)?;
+/// Returns a breast without a lump, and a map of it whose stiffnesses do not matter.
+fn pressed_breast(subject: &Subject) -> Result<(Scene, Experiment)> {
+    // The lump of the mesh is as soft as the gland: that of the unknowns takes its place.
+    let scene = Scene::parse(&format!(
+        "[mesh]\ngenerate = \"breast\"\ntets = {}\ncontrast = 1\n\
+         [material]\nmodel = \"neo-hookean\"\nstiffness_field = \"stiffness\"\norder = 1\n\
+         fat = {{}}\ngland = [\"gland\", \"lump\"]\nmuscle = {{}}",
+        subject.tets
+    ))?;
     let options = MapOptions {
-        points: [POINTS; 2],
+        points: [subject.points; 2],
         radius: Some(RADIUS),
         depth: Some(DEPTH),
     };
     let map = PressMap::new(&scene, &options)?;
     let places: Vec<_> = map.points().iter().map(|p| (p.point, 1.0)).collect();
     let data = Experiment::map("map", (map.direction(), RADIUS, DEPTH), &places)?;
+    Ok((scene, data))
+}
+
+/// Returns for each noise half of the widest interval of a coordinate and of the diameter, mm, and the lower
+/// end of the contrast.
+fn intervals(body: &ExpectedIntervals, [contrast, wide, deep]: [f64; 3]) -> Result<Vec<Cell>> {
+    let place = middle_of_lump(&Lump {
+        diameter: 1e-3 * wide,
+        depth: 1e-3 * deep,
+        contrast,
+    })?;
     let values = [place.x, place.y, place.z, 1e-3 * wide, contrast];
-    let noises = NOISES.map(|noise| 1e-2 * noise);
-    let found = expected_intervals(
-        (run.gpu, &scene, &[data]),
-        (Unknown::parse("lump")?, &values),
-        &noises,
-    )?;
+    let found = body.at(&values, &NOISES.map(|noise| 1e-2 * noise))?;
     let half = |[low, high]: [f64; 2]| 500.0 * (high - low);
     let cells = found.iter().flat_map(|ends| {
         let widest = ends[..3].iter().map(|own| half(*own)).fold(0.0, f64::max);
@@ -101,6 +126,10 @@ fn intervals(run: &Run, [contrast, wide, deep]: [f64; 3]) -> Result<Vec<Cell>> {
     Ok(cells
         .map(|x| Cell::from(super::csv_table::significant(x, 4)))
         .collect())
+}
+
+fn column(name: &str, noise: f64) -> String {
+    format!("{name}_{noise}")
 }
 
 /// Returns the state of a lump: index into [`STATES`].
@@ -135,14 +164,20 @@ fn chart((rows, wides, deeps): (&[Row], &[f64], &[f64]), contrast: f64, noise: f
     }
 }
 
-fn describe(rows: &[Row]) -> String {
+fn describe(rows: &[Row], subject: &Subject) -> String {
+    let determined = |noise: f64| rows.iter().filter(|row| state(row, noise) == 0).count();
+    let counts =
+        NOISES.map(|noise| format!("{} of {} at {noise} %", determined(noise), rows.len()));
     let mut text = format!(
-        "\n\n## What a map tells of a lump\n\nThe same breast, of {TETS} quadratic tets, is pressed at the points of a grid of {POINTS} × {POINTS} with a fingertip of {:.0} mm to {:.0} mm. The intervals of 90 % that `palpate identify --unknown lump` is expected to give (Laplace's approximation at the true values, the errors of the mesh apart) say what each noise leaves: half of the widest interval of the place, of the diameter, and the lower end of the contrast. A lump is determined if its place is within {PLACE_ERROR} mm, its diameter within {DIAMETER_ERROR} mm, and the contrast is above 1.\n\n| contrast | diameter, mm | depth, mm |",
+        "A breast of fat and gland, of {} linear tets, with a ball of stiffer tissue below its upper outer quadrant is pressed at the points of a grid of {1} × {1} with a fingertip of {2:.0} mm, {3:.0} mm deep. The intervals of 90 % that `palpate identify --unknown lump` is expected to give (Laplace's approximation at the true values, the moduli known, the errors of the mesh apart) say what each noise leaves: half of the widest interval of the place, of the diameter, and the lower end of the contrast. A lump is determined if its place is within {PLACE_ERROR} mm, its diameter within {DIAMETER_ERROR} mm, and the contrast is above 1: {4}.\n\n| contrast | diameter, mm | depth, mm |",
+        subject.tets,
+        subject.points,
         1e3 * RADIUS,
         1e3 * DEPTH,
+        counts.join(", ")
     );
     for noise in NOISES {
-        text += &format!(" noise {noise} %: place, diameter, mm; contrast | |");
+        text += &format!(" noise {noise} %: place, diameter, mm; contrast above | tells |");
     }
     text += &format!(
         "\n| --- | --- | --- |{}",

@@ -25,7 +25,7 @@ struct Subject {
 }
 
 /// Returns the breast scene with this lump.
-pub(super) fn breast(tets: usize, [contrast, wide, deep]: [f64; 3]) -> Result<Scene> {
+fn breast(tets: usize, [contrast, wide, deep]: [f64; 3]) -> Result<Scene> {
     Scene::parse(&format!(
         "[mesh]\ngenerate = \"breast\"\ntets = {tets}\nlump_mm = {wide}\ndepth_mm = {deep}\ncontrast = {contrast}\n\
          [material]\nmodel = \"neo-hookean\"\nstiffness_field = \"stiffness\"\n\
@@ -34,7 +34,7 @@ pub(super) fn breast(tets: usize, [contrast, wide, deep]: [f64; 3]) -> Result<Sc
 }
 
 /// Returns the centre of the lump.
-pub(super) fn middle(mesh: &TetMesh) -> Result<DVec3> {
+fn middle(mesh: &TetMesh) -> Result<DVec3> {
     let label = mesh.region_names.iter().find(|(_, name)| *name == "lump");
     let labels = mesh.field("label", Location::Cell);
     let (Some((label, _)), Some(labels)) = (label, labels) else {
@@ -143,15 +143,13 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         chart(&rows, *contrast, &wides, &deeps).save(run.dir, &name)?;
         charts.push(name);
     }
-    let text = describe(&rows);
-    #[cfg(feature = "identify")]
-    let text = {
-        let (more, of_intervals) = super::lump_intervals::run(run)?;
-        charts.extend(of_intervals);
-        text + &more
-    };
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    run.write_findings("lumps", "Lumps found by stiffness maps", &text, &charts)
+    run.write_findings(
+        "lumps",
+        "Lumps found by stiffness maps",
+        &describe(&rows),
+        &charts,
+    )
 }
 
 /// The results for one lump.

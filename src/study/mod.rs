@@ -93,6 +93,12 @@ pub const STUDIES: &[(&str, &str, Study)] = &[
     ),
     #[cfg(feature = "identify")]
     (
+        "lump-intervals",
+        "Lumps that a stiffness map determines, by size, depth, contrast and noise",
+        lump_intervals::run,
+    ),
+    #[cfg(feature = "identify")]
+    (
         "coverage",
         "Intervals of identified moduli, of 100 twins with noise, that hold the true ones",
         coverage::run,

@@ -26,9 +26,9 @@ pub struct IdentifyArguments {
     data: Vec<PathBuf>,
     /// Name the unknowns: material.young, material.TISSUE.young, material.poisson,
     /// material.TISSUE.poisson, material.density, material.TISSUE.density, material.damping_ratio,
-    /// gravity.x (y, z), pressure.N, finger.x (y, z: how far the fingertip was from the stated places), lump,
-    /// a ball with another stiffness, or stiffness:cage:LENGTH, a stiffness that varies on a grid of that cell
-    /// size (8mm; with :piecewise for sharp edges). Without any, measured and predicted numbers are compared
+    /// gravity.x (y, z), pressure.N, tool.NAME.friction, finger.x (y, z: how far the fingertip was from the
+    /// stated places), lump, a ball with another stiffness, or stiffness:cage:LENGTH, a stiffness that varies on
+    /// a grid of that cell size (8mm; with :piecewise for sharp edges). Without any, measured and predicted numbers are compared
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     unknown: Vec<String>,
     /// Set the standard deviation of the measured numbers, such as 2%: of a curve relative to its largest

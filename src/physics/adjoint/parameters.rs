@@ -55,6 +55,11 @@ pub(super) fn gradient(
                     .into(),
             ));
         }
+        if let Parameter::ToolFriction { .. } = parameter {
+            return Err(Error::Input(
+                "friction has no part in a body at rest; take the gradient of a motion".into(),
+            ));
+        }
     }
     let (seed, value, function) = prepare(quantity, body)?.into_seed(body);
     let solution = adjoint.adjoint(&seed)?;
@@ -105,6 +110,16 @@ impl Equilibrium<'_> {
             ))),
             Parameter::ToolPosition { tool, .. } | Parameter::ToolRotation { tool, .. } => {
                 self.check_tool(*tool)
+            }
+            Parameter::ToolFriction { tool } => {
+                self.check_tool(*tool)?;
+                match self.tools[tool.0].friction > 0.0 {
+                    true => Ok(()),
+                    false => Err(Error::Input(format!(
+                        "tool {} has no friction, so that there is no derivative by it; give it a coefficient above 0",
+                        tool.0
+                    ))),
+                }
             }
             Parameter::Support { nodes, .. } => self.check_fixed(nodes),
             Parameter::RestPosition { node, .. } => check_rest_position(self, *node),
@@ -159,6 +174,7 @@ impl<'a> Sensitivity<'a> {
                 solution.tools[tool.0].translation.dot(*direction) * unit
             }
             Parameter::ToolRotation { tool, axis } => solution.tools[tool.0].rotation.dot(*axis),
+            Parameter::ToolFriction { tool } => solution.tools[tool.0].friction,
             Parameter::Support { nodes, direction } => {
                 let supports = nodes.iter().map(|v| solution.supports[*v as usize]);
                 supports.map(|s| s.dot(*direction)).sum::<f64>() * unit

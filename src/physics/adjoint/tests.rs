@@ -363,6 +363,7 @@ impl Case {
                 let turn = DQuat::from_scaled_axis(by * *axis) * pose.rotation();
                 *pose = ToolPose::new(pose.position(), turn);
             }
+            Parameter::ToolFriction { .. } => case.tool.as_mut().unwrap().friction += by,
             Parameter::Support { direction, .. } => case.pull += by * *direction,
             Parameter::RestPosition { node, direction } => {
                 case.mesh.nodes[*node as usize] += by * *direction;
@@ -389,6 +390,8 @@ impl Case {
             Parameter::Amplitude(_) => 5e-3,
             Parameter::ToolPosition { .. } => 2e-6,
             Parameter::ToolRotation { .. } => 2e-4,
+            // A node that begins to slide is a kink.
+            Parameter::ToolFriction { .. } => 2e-3,
             Parameter::Support { .. } => 2e-5,
             Parameter::RestPosition { .. } | Parameter::InitialPosition { .. } => 2e-5,
             Parameter::InitialVelocity { .. } => 2e-3,

@@ -107,6 +107,11 @@ pub enum Parameter {
         /// The axis.
         axis: DVec3,
     },
+    /// Coefficient of friction of a tool that has friction; of a motion.
+    ToolFriction {
+        /// The tool.
+        tool: ToolId,
+    },
     /// Position of fixed nodes along a direction, in file units.
     Support {
         /// The nodes: pinned, or held by grabs.

@@ -19,6 +19,20 @@ use crate::{Error, ProgressFn, Result, no_progress};
 /// Loading steps at each point.
 const STEPS: u32 = 6;
 
+/// Returns the depths of the loading steps at a point, for a fingertip of `radius`; lengths in one unit.
+fn step_depths(depth: f64, radius: f64) -> impl Iterator<Item = f64> {
+    let begin = -INITIAL_CLEARANCE * radius;
+    (1..=STEPS).map(move |step| begin + (depth - begin) * f64::from(step) / f64::from(STEPS))
+}
+
+/// Returns those of them that a line is fitted to.
+#[cfg(feature = "identify")]
+pub(crate) fn fitted_depths(depth: f64, radius: f64) -> Vec<f64> {
+    step_depths(depth, radius)
+        .filter(|goal| *goal >= curve::FIT_FRACTION * depth)
+        .collect()
+}
+
 /// The body of a map, and how it is pressed.
 pub(super) struct Bench {
     pub setup: PressSetup,
@@ -65,7 +79,6 @@ impl Finger<'_> {
     /// # Errors
     /// Errors of the engine; a press with a failed step is [`PointResult::Failed`].
     pub fn press(&mut self, site: PressSite) -> Result<PointResult> {
-        let (depth, begin) = (self.bench.depth, -INITIAL_CLEARANCE * self.session.radius());
         let saved = self.motion.simulator.checkpoint_mut();
         Capability::Checkpoints
             .require(saved)?
@@ -73,8 +86,7 @@ impl Finger<'_> {
         self.session
             .touch_site(&mut self.motion, &self.boundary, site)?;
         self.states = LoadedStates::default();
-        for step in 1..=STEPS {
-            let goal = begin + (depth - begin) * f64::from(step) / f64::from(STEPS);
+        for goal in step_depths(self.bench.depth, self.session.radius()) {
             match self.session.press_to(&mut self.motion, goal, "load") {
                 Ok(None) | Err(Error::Solver { .. }) => return Ok(PointResult::Failed),
                 Ok(Some(sample)) => self.states.push(LoadedState {

@@ -1,6 +1,8 @@
 //! Entries of contact: tools, and self-contact of the body.
 
 use crate::mesh::TriMesh;
+#[cfg(feature = "identify")]
+use crate::{Error, Result, scene::Scene};
 use serde::Deserialize;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -167,3 +169,48 @@ pub(crate) struct BoxEntry {
 #[cfg_attr(feature = "cli", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PlaneShapeEntry {}
+
+#[cfg(feature = "identify")]
+impl Scene {
+    /// Returns the number of the tool of this name: its own, or `tool1`, `tool2` …
+    ///
+    /// # Errors
+    /// [`Error::Input`] if it does not exist.
+    pub(crate) fn tool_number(&self, name: &str) -> Result<usize> {
+        let name_of = |(k, tool): (usize, &ToolEntry)| {
+            let number = || format!("tool{}", k + 1);
+            tool.name.clone().unwrap_or_else(number)
+        };
+        let names: Vec<String> = self.tool.iter().enumerate().map(name_of).collect();
+        let found = names.iter().position(|own| own == name);
+        found.ok_or_else(|| {
+            Error::Input(format!(
+                "the scene has no tool \"{name}\" ([[tool]] name); it has {}",
+                match names.is_empty() {
+                    true => "none".to_owned(),
+                    false => names.join(", "),
+                }
+            ))
+        })
+    }
+
+    /// Returns the coefficient of friction of a tool.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if it does not exist, or has no friction.
+    pub(crate) fn tool_friction(&self, name: &str) -> Result<f64> {
+        let tool = &self.tool[self.tool_number(name)?];
+        tool.friction.filter(|own| *own > 0.0).ok_or_else(|| {
+            Error::Input(format!(
+                "tool \"{name}\" has no friction to begin with; set a first value ([[tool]] friction)"
+            ))
+        })
+    }
+
+    /// Sets the coefficient of friction of a tool, if it exists.
+    pub(crate) fn set_tool_friction(&mut self, name: &str, coefficient: f64) {
+        if let Ok(number) = self.tool_number(name) {
+            self.tool[number].friction = Some(coefficient);
+        }
+    }
+}

@@ -125,6 +125,10 @@ fn friction_has_no_part_at_rest() {
     let mut case = tool_on_bar(Shape::Sphere { radius: 0.02 }, 0.4);
     let by = tool_parameters();
     case.check(&[tool_force()], &by, TOLERANCE);
+    let mut settled = case.settle();
+    let friction = [super::motion_contact_tests::FRICTION];
+    let refused = case.gradient(&mut settled, &tool_force(), &friction);
+    assert!(refused.unwrap_err().to_string().contains("friction"));
     // In short ones it holds the body: that is no equilibrium without it.
     case.dt = 1e-3;
     let mut settled = case.settle();

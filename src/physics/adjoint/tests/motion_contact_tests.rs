@@ -7,6 +7,9 @@ use crate::physics::adjoint::motion::MotionQuantity::{AtEnd, Integral};
 use crate::physics::cpu::{LoadUpdate, NodeConstraint, StepParts};
 use crate::physics::{AmplitudeId, Shape, ToolId};
 
+/// The coefficient of friction of the tool.
+pub(super) const FRICTION: Parameter = Parameter::ToolFriction { tool: ToolId(0) };
+
 impl Case {
     /// Returns the loads of a step, if they change: the far pins turn, the tool goes along and
     /// turns, pressure and activation grow.
@@ -79,6 +82,7 @@ fn gradients_of_motion_with_friction_match_differences() {
         if kind != SolverKind::Implicit {
             by = by.into_iter().step_by(3).collect();
         }
+        by.push(FRICTION);
         case.check_motion(&of, &by);
         let smooth = bar_against_sphere(kind, 0.0);
         let [with, without] = [&case, &smooth].map(|case| case.motion_values(&of)[2]);
@@ -239,7 +243,7 @@ fn gradients_of_motion_against_driven_tool_match_differences() {
         let mut by = super::contact_tests::tool_parameters();
         // A sphere has no derivative by its rotation.
         by.pop();
-        by.push(shift_of_path(&case));
+        by.extend([shift_of_path(&case), FRICTION]);
         by.extend(of_body(&case).into_iter().step_by(4));
         case.check_motion(&of, &by);
     }

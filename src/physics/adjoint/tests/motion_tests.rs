@@ -335,6 +335,8 @@ fn motions_without_gradient_are_refused() {
     assert!(!refusal(&rubbing, &volume(&rubbing), &[fixed_node(&rubbing)]).contains("friction"));
     let case = moving(super::contact_tests::tool_on_bar(sphere, 0.0), kind);
     assert!(refusal(&case, &volume(&case), &[]).contains("inside a tool"));
+    let by = super::motion_contact_tests::FRICTION;
+    assert!(refusal(&case, &volume(&case), &[by]).contains("no friction"));
     let case = damped(moving(bar(MaterialModel::NeoHookean), kind));
     assert!(refusal(&case, &quantities(&case)[0], &[]).contains("damping"));
     let by = parameters(&case).remove(5);

@@ -151,6 +151,7 @@ impl CpuBody<f64> {
                 translation: d.translation / units.length,
                 rotation: d.rotation,
                 gap: d.gap / units.length,
+                friction: d.friction,
             }));
         }
         if let Some(term) = self_contact(&self.terms) {

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// Step of central differences of the force between two features, over their distance.
 pub(super) const PAIR_DIFFERENCE_STEP: f64 = 1e-4;
 
-/// Derivatives by the pose and the gap of a tool.
+/// Derivatives by the pose, the gap and the friction of a tool.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::physics::cpu) struct ToolDerivatives {
     /// By a translation.
@@ -23,6 +23,8 @@ pub(in crate::physics::cpu) struct ToolDerivatives {
     pub rotation: DVec3,
     /// By its gap ĝ.
     pub gap: f64,
+    /// By its coefficient of friction.
+    pub friction: f64,
 }
 
 /// Derivatives by the weights A K of boundary nodes, edges and faces.

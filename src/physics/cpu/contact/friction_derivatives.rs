@@ -172,6 +172,8 @@ impl ToolContact<f64> {
             weights.static_speed -= point.friction.max_force * slope * slide.dot(y);
             let f = point.friction.force(point.velocity, speed);
             weights.add_point(s, f.dot(y), &whole);
+            // The force is in proportion to the coefficient.
+            to.friction += f.dot(y) / tool.friction;
         }
     }
 }

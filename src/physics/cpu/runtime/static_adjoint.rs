@@ -47,7 +47,7 @@ pub(in crate::physics) struct AdjointSeed {
     pub parts: TangentParts,
 }
 
-/// Derivatives of a quantity by the pose and the gap of a tool.
+/// Derivatives of a quantity by the pose, the gap and the friction of a tool.
 #[derive(Clone, Copy, Debug, Default)]
 pub(in crate::physics) struct ToolSlopes {
     /// By a translation, 1/m.
@@ -56,6 +56,8 @@ pub(in crate::physics) struct ToolSlopes {
     pub rotation: DVec3,
     /// By its gap, 1/m.
     pub gap: f64,
+    /// By its coefficient of friction.
+    pub friction: f64,
 }
 
 /// Derivatives of a quantity by the forces on the nodes, and by what the engine alone knows.
