@@ -6,6 +6,8 @@
 //! extinction and colour by transfer function, region or scan; deformation leaves them unchanged.
 
 mod boxes;
+#[cfg(test)]
+mod closed_forms;
 mod denoise;
 mod environment;
 mod lobes;
