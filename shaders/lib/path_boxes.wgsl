@@ -1,14 +1,9 @@
 // Where a ray outside enters the body: a tree of boxes around the boundary faces, a complete binary
 // tree over the faces in their stored order, which is a Morton order. Node i has the children 2i and
-// 2i + 1; node 1 is the root. Needs lib/array, `corner_at` and `params: Path`.
+// 2i + 1; node 1 is the root. Needs lib/array, `box_at`, `face_at` and `params: Path`.
 
 // Faces per leaf.
 const LEAF_FACES: u32 = 4u;
-
-// Lower and upper corner of each box.
-@group(0) @binding(next) var<storage, read> boxes: array<vec4<f32>>;
-// Nodes of each boundary face, counter-clockwise from outside, and 4 tet + face.
-@group(0) @binding(next) var boundary: texture_2d<u32>;
 
 // Returns where a ray (with the reciprocal of its direction) is in a box: from x to y, empty if x > y.
 fn box_range(low: vec3<f32>, high: vec3<f32>, o: vec3<f32>, over: vec3<f32>) -> vec2<f32> {
@@ -58,21 +53,29 @@ fn nearest_face(o: vec3<f32>, d: vec3<f32>, after: f32, front_only: bool) -> Fac
     let over = reciprocal(d);
     var i = 1u;
     loop {
-        let range = box_range(boxes[2u * i].xyz, boxes[2u * i + 1u].xyz, o, over);
-        let met = range.x <= range.y && range.y >= after && range.x <= best.distance;
-        if met && i < params.leaves {
-            i = 2u * i;
-            continue;
-        }
-        if met {
-            let first = (i - params.leaves) * LEAF_FACES;
-            for (var k = first; k < min(first + LEAF_FACES, params.faces); k++) {
-                best = nearer_face(best, k, o, d, after, front_only);
+        // To the next leaf that the ray meets. A loop of its own, since invocations in lockstep would
+        // test faces at every node.
+        loop {
+            let range = box_range(box_at(2u * i), box_at(2u * i + 1u), o, over);
+            if range.x <= range.y && range.y >= after && range.x <= best.distance {
+                if i >= params.leaves {
+                    break;
+                }
+                i = 2u * i;
+            } else {
+                i = next_node(i);
+                if i <= 1u {
+                    break;
+                }
             }
         }
-        // The next node in depth-first order.
-        i += 1u;
-        i >>= countTrailingZeros(i);
+        if i <= 1u && params.leaves > 1u {
+            break;
+        }
+        for (var k = 0u; k < LEAF_FACES; k++) {
+            best = nearer_face(best, (i - params.leaves) * LEAF_FACES + k, o, d, after, front_only);
+        }
+        i = next_node(i);
         if i <= 1u {
             break;
         }
@@ -80,13 +83,17 @@ fn nearest_face(o: vec3<f32>, d: vec3<f32>, after: f32, front_only: bool) -> Fac
     return best;
 }
 
+// Returns the next node in depth-first order, beside or above; 1 or less at the end.
+fn next_node(i: u32) -> u32 {
+    return (i + 1u) >> countTrailingZeros(i + 1u);
+}
+
 // Returns the nearer of `best` and the intersection with face k.
 fn nearer_face(best: FaceHit, k: u32, o: vec3<f32>, d: vec3<f32>, after: f32, front_only: bool) -> FaceHit {
-    let face = textureLoad(boundary, array_texel(k), 0);
-    let p = corner_at(face.x);
-    let hit = intersect_triangle(p, corner_at(face.y) - p, corner_at(face.z) - p, o, d);
+    let corner = face_at(3u * k);
+    let hit = intersect_triangle(corner.xyz, face_at(3u * k + 1u).xyz, face_at(3u * k + 2u).xyz, o, d);
     if (front_only && hit.w < 0.0) || hit.x < after || hit.x >= best.distance {
         return best;
     }
-    return FaceHit(hit.x, face.w, hit.w > 0.0);
+    return FaceHit(hit.x, bitcast<u32>(corner.w), hit.w > 0.0);
 }

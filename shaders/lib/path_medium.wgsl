@@ -1,5 +1,5 @@
 // The medium that light paths travel in: what a place in a tet is made of, its gradient, and its
-// distance from cut faces. Needs the bindings of render/path, `record_at` and `corner_at`, lib/array,
+// distance from cut faces. Needs the bindings of render/path, `record_at` and its like, lib/array,
 // lib/path_random, and a scan term if there are scans.
 
 override CELL_SCALARS: bool = false;
@@ -43,7 +43,7 @@ fn look_of(table_row: u32, share: f32) -> vec4<f32> {
     let x = clamp(share, 0.0, 1.0) * f32(COLOUR_LUT_SIZE - 1u);
     let below = min(u32(x), COLOUR_LUT_SIZE - 2u);
     let first = table_row * COLOUR_LUT_SIZE + below;
-    return mix(textureLoad(colours, array_texel(first), 0), textureLoad(colours, array_texel(first + 1u), 0), x - f32(below));
+    return mix(colour_at(first), colour_at(first + 1u), x - f32(below));
 }
 
 // Distance from the nearest clip plane, and its unit normal, in the local frame.
@@ -104,7 +104,7 @@ fn medium_at(t: u32, x: vec3<f32>) -> Medium {
 #any scan             let own_row = select(u32(scans[k].look.z), row, k == 0u);
 #any scan             var look: vec4<f32>;
 #any scan             if has_labels(k) {
-#any scan                 look = textureLoad(colours, array_texel(u32(scans[k].look.z) * COLOUR_LUT_SIZE + label_at(k, p)), 0);
+#any scan                 look = colour_at(u32(scans[k].look.z) * COLOUR_LUT_SIZE + label_at(k, p));
 #any scan             } else {
 #any scan                 look = look_of(own_row, normalised_value(k, p));
 #any scan             }
@@ -143,17 +143,10 @@ fn gradient_at_place(t: u32, x: vec3<f32>, which: u32) -> vec3<f32> {
     if !NODE_GRADIENTS {
         return vec3(0.0);
     }
-    let ids = textureLoad(tets, array_texel(t), 0);
-    let p0 = corner_at(ids.x) - x;
-    let p1 = corner_at(ids.y) - x;
-    let p2 = corner_at(ids.z) - x;
-    let p3 = corner_at(ids.w) - x;
-    var w = vec4(dot(p1, cross(p2, p3)), -dot(p0, cross(p2, p3)), dot(p0, cross(p1, p3)), -dot(p0, cross(p1, p2)));
-    let whole = w.x + w.y + w.z + w.w;
-    w = clamp(w / select(whole, 1e-30, abs(whole) < 1e-30), vec4(0.0), vec4(1.0));
-    w /= max(w.x + w.y + w.z + w.w, 1e-30);
-    return w.x * textureLoad(gradients, array_texel(ids.x), 0).xyz + w.y * textureLoad(gradients, array_texel(ids.y), 0).xyz
-        + w.z * textureLoad(gradients, array_texel(ids.z), 0).xyz + w.w * textureLoad(gradients, array_texel(ids.w), 0).xyz;
+    let gx = gradient_map_at(3u * t);
+    let gy = gradient_map_at(3u * t + 1u);
+    let gz = gradient_map_at(3u * t + 2u);
+    return vec3(dot(gx.xyz, x) + gx.w, dot(gy.xyz, x) + gy.w, dot(gz.xyz, x) + gz.w);
 }
 
 // Returns the linear form of a colour in sRGB.

@@ -3,10 +3,8 @@
 
 override HAS_WALLS: bool = false;
 
-// Two items per node of the tree; then nine per triangle: three corners (w is the opacity), their
+// `wall_item` gives two items per node of the tree; then nine per triangle: three corners (w is the opacity), their
 // normals, their colours (linear).
-@group(0) @binding(next) var<storage, read> walls: array<vec4<f32>>;
-
 struct WallHit {
     distance: f32,
     // First item of the triangle.
@@ -28,7 +26,7 @@ fn nearest_wall(o: vec3<f32>, d: vec3<f32>, after: f32) -> WallHit {
     let leaves = params.wall_leaves;
     var i = 1u;
     loop {
-        let range = box_range(walls[2u * i].xyz, walls[2u * i + 1u].xyz, o, over);
+        let range = box_range(wall_item(2u * i).xyz, wall_item(2u * i + 1u).xyz, o, over);
         let met = range.x <= range.y && range.y >= after && range.x <= best.distance;
         if met && i < leaves {
             i = 2u * i;
@@ -38,8 +36,8 @@ fn nearest_wall(o: vec3<f32>, d: vec3<f32>, after: f32) -> WallHit {
             let first = (i - leaves) * LEAF_FACES;
             for (var k = first; k < min(first + LEAF_FACES, params.wall_count); k++) {
                 let item = 4u * leaves + 9u * k;
-                let p = walls[item].xyz;
-                let hit = intersect_triangle(p, walls[item + 1u].xyz - p, walls[item + 2u].xyz - p, o, d);
+                let p = wall_item(item).xyz;
+                let hit = intersect_triangle(p, wall_item(item + 1u).xyz - p, wall_item(item + 2u).xyz - p, o, d);
                 if hit.x > after && hit.x < best.distance {
                     best = WallHit(hit.x, item, hit.y, hit.z);
                 }
@@ -57,5 +55,5 @@ fn nearest_wall(o: vec3<f32>, d: vec3<f32>, after: f32) -> WallHit {
 // Returns a quantity at a hit, interpolated from its values at the corners.
 fn at_wall(hit: WallHit, first: u32) -> vec3<f32> {
     let k = hit.item + first;
-    return (1.0 - hit.u - hit.v) * walls[k].xyz + hit.u * walls[k + 1u].xyz + hit.v * walls[k + 2u].xyz;
+    return (1.0 - hit.u - hit.v) * wall_item(k).xyz + hit.u * wall_item(k + 1u).xyz + hit.v * wall_item(k + 2u).xyz;
 }

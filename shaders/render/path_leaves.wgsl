@@ -1,4 +1,4 @@
-// Boxes around the boundary faces: the leaves of the tree of lib/path_boxes.
+// The boundary faces as the tree of lib/path_boxes has them, and the boxes around them: its leaves.
 
 #import lib/array
 
@@ -12,7 +12,8 @@ struct Leaves {
 @group(0) @binding(0) var positions: texture_2d<f32>;
 @group(0) @binding(1) var boundary: texture_2d<u32>;
 @group(0) @binding(2) var<storage, read_write> boxes: array<vec4<f32>>;
-@group(0) @binding(3) var<uniform> params: Leaves;
+@group(0) @binding(3) var faces: texture_storage_2d<rgba32float, write>;
+@group(0) @binding(4) var<uniform> params: Leaves;
 
 @compute @workgroup_size(WORKGROUP)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
@@ -24,13 +25,21 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var low = vec3(1e30);
     var high = vec3(-1e30);
     let first = leaf * LEAF_FACES;
-    for (var k = first; k < min(first + LEAF_FACES, params.faces); k++) {
-        let face = textureLoad(boundary, array_texel(k), 0);
-        for (var corner = 0u; corner < 3u; corner++) {
-            let p = textureLoad(positions, array_texel(face[corner]), 0).xyz;
-            low = min(low, p);
-            high = max(high, p);
+    for (var k = first; k < first + LEAF_FACES; k++) {
+        // No ray meets a face without sides either.
+        var face = vec4(0u);
+        var p: array<vec3<f32>, 3>;
+        if k < params.faces {
+            face = textureLoad(boundary, array_texel(k), 0);
+            for (var corner = 0u; corner < 3u; corner++) {
+                p[corner] = textureLoad(positions, array_texel(face[corner]), 0).xyz;
+                low = min(low, p[corner]);
+                high = max(high, p[corner]);
+            }
         }
+        textureStore(faces, array_texel(3u * k), vec4(p[0], bitcast<f32>(face.w)));
+        textureStore(faces, array_texel(3u * k + 1u), vec4(p[1] - p[0], 0.0));
+        textureStore(faces, array_texel(3u * k + 2u), vec4(p[2] - p[0], 0.0));
     }
     let i = params.leaves + leaf;
     boxes[2u * i] = vec4(low, 0.0);

@@ -1,5 +1,5 @@
-// For each tet, the affine map from the deformed body to rest positions, both in the local frame:
-// three texels, dot(row.xyz, place) + row.w along each axis.
+// For each tet, the affine map from places in the deformed body to a vector that each node has, such as
+// its rest position: three texels, dot(row.xyz, place) + row.w along each axis.
 
 #import lib/array
 
@@ -8,7 +8,7 @@ struct Maps {
 }
 
 @group(0) @binding(0) var positions: texture_2d<f32>;
-@group(0) @binding(1) var rests: texture_2d<f32>;
+@group(0) @binding(1) var vectors: texture_2d<f32>;
 @group(0) @binding(2) var tets: texture_2d<u32>;
 @group(0) @binding(3) var maps: texture_storage_2d<rgba32float, write>;
 @group(0) @binding(4) var<uniform> params: Maps;
@@ -24,13 +24,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     var r: array<vec3<f32>, 4>;
     for (var k = 0u; k < 4u; k++) {
         p[k] = textureLoad(positions, array_texel(ids[k]), 0).xyz;
-        r[k] = textureLoad(rests, array_texel(ids[k]), 0).xyz;
+        r[k] = textureLoad(vectors, array_texel(ids[k]), 0).xyz;
     }
     let a = p[1] - p[0];
     let b = p[2] - p[0];
     let c = p[3] - p[0];
     let volume = dot(a, cross(b, c));
-    // A degenerate tet keeps the rest position of its first node.
+    // A degenerate tet keeps the vector of its first node.
     let over = select(1.0 / volume, 0.0, abs(volume) < 1e-30);
     let x = cross(b, c) * over;
     let y = cross(c, a) * over;

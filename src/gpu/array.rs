@@ -3,7 +3,7 @@
 //! Textures, because the workload is dominated by gathers through the texture cache: on the
 //! software adapter they are several times faster than storage buffers.
 
-use super::{Bind, Gpu, Resource};
+use super::{Bind, Gpu, Recorder, Resource};
 use crate::mesh::LocalFrame;
 use crate::{Error, Result};
 use std::sync::Arc;
@@ -122,6 +122,23 @@ impl Array {
     /// Returns the texel format.
     pub fn texel(&self) -> Texel {
         self.texel
+    }
+
+    /// Records a copy of all items from a buffer that has [`Array::capacity`] of them.
+    pub(crate) fn copy_from(&self, buffer: &wgpu::Buffer, work: &mut Recorder) {
+        self.mark_written();
+        work.encoder().copy_buffer_to_texture(
+            wgpu::TexelCopyBufferInfo {
+                buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(self.texture.width() * self.texel.bytes()),
+                    rows_per_image: None,
+                },
+            },
+            self.texture.as_image_copy(),
+            self.texture.size(),
+        );
     }
 
     /// Returns the texture, for callers that fill or draw it directly.

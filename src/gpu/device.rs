@@ -38,6 +38,21 @@ thread_local! {
     static SUBMITTING: Cell<Duration> = const { Cell::new(Duration::ZERO) };
 }
 
+/// Storage textures that the shader of light paths reads.
+pub(crate) const MOST_STORAGE_TEXTURES: u32 = 8;
+
+/// Returns WebGPU's default limits; on a software driver, which reads storage textures faster than
+/// sampled ones, with more of these.
+fn limits(adapter: &wgpu::Adapter, device_type: wgpu::DeviceType) -> wgpu::Limits {
+    let mut limits = wgpu::Limits::default();
+    if device_type == wgpu::DeviceType::Cpu {
+        let own = adapter.limits().max_storage_textures_per_shader_stage;
+        let most = &mut limits.max_storage_textures_per_shader_stage;
+        *most = own.clamp(*most, MOST_STORAGE_TEXTURES);
+    }
+    limits
+}
+
 impl Gpu {
     /// Environment variable that selects the adapter: part of its name, its index in the list that
     /// the error shows, or `cpu` for a software adapter.
@@ -88,7 +103,7 @@ impl Gpu {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("palpate"),
             required_features: adapter.features() & OPTIONAL_FEATURES,
-            required_limits: wgpu::Limits::default(),
+            required_limits: limits(adapter, info.device_type),
             ..Default::default()
         };
         let (device, queue) = adapter.request_device(&descriptor).await.map_err(|e| {

@@ -28,6 +28,7 @@ pub use array::{Array, Positions, Texel, Version};
 pub use binding::{Bind, Resource};
 pub(crate) use bitmask_prefix_sum::BitmaskPrefixSum;
 pub use device::Gpu;
+pub(crate) use device::MOST_STORAGE_TEXTURES;
 pub use draw::{Draw, DrawBuilder};
 pub use pass::{Pass, PassBuilder};
 pub use pipeline::PipelineDescription;

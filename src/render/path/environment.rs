@@ -1,6 +1,6 @@
 //! The surroundings that light a body: a map of colours over all directions, and how it is sampled.
 
-use crate::gpu::Gpu;
+use crate::gpu::{Array, Gpu, Texel};
 use crate::render::Camera;
 use crate::{Error, Result};
 use glam::DVec3;
@@ -35,7 +35,7 @@ const SUN: f64 = 0.9;
 
 /// A map on the device.
 pub(super) struct Sky {
-    pub buffer: wgpu::Buffer,
+    pub items: Array,
     pub size: [u32; 2],
 }
 
@@ -92,9 +92,9 @@ impl Environment {
 
     pub(super) fn to_gpu(&self, gpu: &Gpu, camera: &Camera) -> Result<(Sky, [[f32; 4]; 3])> {
         let map = self.map(camera)?;
-        let buffer = gpu.buffer_of("surroundings", &map.items())?;
+        let items = gpu.array_of("surroundings", Texel::F32x4, &map.items())?;
         let axes = map.axes.map(|a| a.as_vec3().extend(0.0).to_array());
-        Ok((Sky { buffer, size: SIZE }, axes))
+        Ok((Sky { items, size: SIZE }, axes))
     }
 }
 

@@ -6,6 +6,8 @@
 //! extinction and colour by transfer function, region or scan; deformation leaves them unchanged.
 
 mod boxes;
+#[cfg(test)]
+mod closed_forms;
 mod denoise;
 mod environment;
 mod lobes;
@@ -28,7 +30,7 @@ pub(crate) use walls::Wall;
 use super::image_tiles::check_size;
 use super::view::{CameraTransform, ImageRegion};
 use super::{Camera, Image, Raycaster};
-use crate::gpu::{Array, Gpu, Pass, Texel};
+use crate::gpu::{Array, Gpu, MOST_STORAGE_TEXTURES, Pass, Texel};
 use crate::progress::ProgressFn;
 use crate::{Error, Result};
 use boxes::BoxTree;
@@ -51,7 +53,7 @@ mod gpu_data {
             pub sky_size: [u32; 2],
             pub size: [u32; 2],
             pub corner: [u32; 2],
-            pub sample: u32,
+            pub until: u32,
             pub seed: u32,
             pub extinction: f32,
             pub anisotropy: f32,
@@ -60,11 +62,11 @@ mod gpu_data {
             pub near: f32,
             pub focus: f32,
             pub lens: f32,
-            pub faces: u32,
             pub leaves: u32,
             pub wall_count: u32,
             pub wall_leaves: u32,
             pub max_steps: u32,
+            pub max_work: u32,
         }
     }
     crate::gpu_struct! {
@@ -81,6 +83,11 @@ const TILE: u32 = 512;
 pub(super) const ITEMS: usize = 2;
 /// Steps (tets entered and collisions) after which a path counts as lost.
 const MAX_STEPS: u32 = 1 << 18;
+/// Steps after which an invocation starts no other sample in a dispatch. The software driver ends
+/// loops of eight invocations in lockstep after 65,535 turns in all.
+const MAX_WORK: u32 = 1 << 12;
+/// Most samples per pixel in a dispatch, between two looks for a cancellation.
+const BATCH: u32 = 16;
 
 /// A picture in progress.
 pub(crate) struct PathTracer {
@@ -88,11 +95,17 @@ pub(crate) struct PathTracer {
     options: PathOptions,
     size: [u32; 2],
     tiles: Vec<Tile>,
-    lost: wgpu::Buffer,
+    counts: wgpu::Buffer,
     /// Samples drawn of each pixel.
     samples: u32,
     /// Picture of the raycaster, by which the noise is filtered, if it is.
     guide: Option<Image>,
+}
+
+/// Paths given up, and pixels that needed another dispatch, of all dispatches so far.
+struct Counts {
+    lost: u32,
+    unfinished: u32,
 }
 
 /// A part of the picture.
@@ -127,18 +140,23 @@ impl Raycaster {
         self.geometry.record_gradients(&mut work);
         let tree = BoxTree::new(&gpu, &self.geometry)?;
         tree.record(&mut work);
-        let maps = self.record_rest_maps(&mut work)?;
+        let rests = self
+            .geometry
+            .rest_positions()
+            .filter(|_| self.looks.needs_rest());
+        let maps = self.record_maps(&mut work, rests)?;
+        let node_gradients = self.node_gradients();
+        let gradients = self.record_maps(&mut work, node_gradients)?;
         work.submit()?;
         let walls = Walls::new(&gpu, walls)?;
         let majorants = self.path_majorants()?;
         let (sky, sky_axes) = options.environment.to_gpu(&gpu, camera)?;
-        let lost = gpu.buffer("lost paths", 4)?;
+        let counts = gpu.buffer("counts of paths", 8)?;
         let common = gpu_data::Path {
             sky_x: sky_axes[0],
             sky_y: sky_axes[1],
             sky_z: sky_axes[2],
             sky_size: sky.size,
-            faces: tree.faces,
             leaves: tree.leaves,
             wall_count: walls.count,
             wall_leaves: walls.leaves,
@@ -147,10 +165,12 @@ impl Raycaster {
         let arrays = PathArrays {
             majorants: &majorants,
             maps: &maps,
-            sky: &sky.buffer,
+            gradients: &gradients,
+            sky: &sky.items,
             boxes: &tree.boxes,
-            walls: &walls.buffer,
-            lost: &lost,
+            faces: &tree.faces,
+            walls: &walls.items,
+            counts: &counts,
         };
         let mut tiles = Vec::new();
         for y in (0..size[1]).step_by(TILE as usize) {
@@ -168,7 +188,7 @@ impl Raycaster {
             options: options.clone(),
             size,
             tiles,
-            lost,
+            counts,
             samples: 0,
             guide: None,
         })
@@ -188,6 +208,7 @@ impl Raycaster {
             lens: (options.aperture / scale) as f32,
             seed: options.seed,
             max_steps: MAX_STEPS,
+            max_work: MAX_WORK,
             ..bytemuck::Zeroable::zeroed()
         }
     }
@@ -243,21 +264,28 @@ impl Raycaster {
         )))
     }
 
-    /// Records the maps from the deformed body to rest positions; a placeholder if nothing needs them.
-    fn record_rest_maps(&self, work: &mut crate::gpu::Recorder) -> Result<Array> {
+    /// Returns the gradient at each node, if surfaces have their normals from it.
+    fn node_gradients(&self) -> Option<&Array> {
+        let no_scan = self.looks.scans().is_none();
+        self.geometry.gradients().filter(|_| no_scan)
+    }
+
+    /// Records the maps from places in the deformed body to the vectors of the nodes; a placeholder
+    /// without these.
+    fn record_maps(
+        &self,
+        work: &mut crate::gpu::Recorder,
+        vectors: Option<&Array>,
+    ) -> Result<Array> {
         let (gpu, tets) = (&self.gpu, self.geometry.tet_count());
-        let Some(rests) = self
-            .geometry
-            .rest_positions()
-            .filter(|_| self.looks.needs_rest())
-        else {
-            return gpu.array("no maps to rest", Texel::F32x4, 1);
+        let Some(vectors) = vectors else {
+            return gpu.array("no maps", Texel::F32x4, 1);
         };
-        let maps = gpu.array("maps to rest", Texel::F32x4, 3 * tets as usize)?;
+        let maps = gpu.array("maps of tets", Texel::F32x4, 3 * tets as usize)?;
         let pass = gpu
             .pass("render/path_maps")
             .read(&self.geometry.positions)
-            .read(rests)
+            .read(vectors)
             .read(&self.geometry.tets)
             .write(&maps)
             .params(&gpu_data::Maps { tets })
@@ -275,7 +303,9 @@ impl Raycaster {
         let (geometry, looks) = (&self.geometry, &self.looks);
         let flag = |on: bool| f64::from(u8::from(on));
         let scans = looks.scans();
-        let reads = match self.options.reads.are_stored(&self.gpu) {
+        let limits = self.gpu.device().limits();
+        let fits = limits.max_storage_textures_per_shader_stage >= MOST_STORAGE_TEXTURES;
+        let reads = match fits && self.options.reads.are_stored(&self.gpu) {
             true => "stored",
             false => "sampled",
         };
@@ -284,19 +314,20 @@ impl Raycaster {
         let records = geometry
             .records()
             .ok_or_else(|| Error::Gpu("the tet records of the paths are missing".into()))?;
-        let gradients = geometry.gradients().filter(|_| scans.is_none());
         let [clips, ..] = looks.inside().counts();
         let mut builder = self
             .gpu
             .pass(&name)
             .read(records)
-            .read(&geometry.tets)
-            .read(&geometry.positions)
-            .read(gradients.unwrap_or(&looks.sections))
+            .read(arrays.boxes)
+            .read(arrays.faces)
+            .read(arrays.majorants)
+            .read(&looks.colours)
+            .read(arrays.gradients)
+            .read(arrays.sky)
+            .read(arrays.walls)
             .read(&geometry.cells)
             .read(looks.rows().unwrap_or(&self.no_rows))
-            .read(&looks.colours)
-            .read(arrays.majorants)
             .read(&looks.sections)
             .read(arrays.maps);
         if let Some((held, places)) = scans {
@@ -308,18 +339,14 @@ impl Raycaster {
                 .constant("LABELS", flag(held.has_labels()));
         }
         builder
-            .read(arrays.sky)
-            .read(arrays.boxes)
-            .read(&geometry.boundary)
-            .read(arrays.walls)
             .write(sums)
-            .write(arrays.lost)
+            .write(arrays.counts)
             .params(params)
             .constant("CELL_SCALARS", flag(geometry.is_cell_scalar))
             .constant("HAS_REGIONS", flag(looks.rows().is_some()))
             .constant("HAS_SCANS", flag(scans.is_some()))
             .constant("SURFACES", flag(self.options.light.is_on()))
-            .constant("NODE_GRADIENTS", flag(gradients.is_some()))
+            .constant("NODE_GRADIENTS", flag(self.node_gradients().is_some()))
             .constant("USE_REST_POSITIONS", flag(looks.needs_rest()))
             .constant("CLIP_PLANE_COUNT", clips as f64)
             .constant("HAS_WALLS", flag(params.wall_count > 0))
@@ -331,10 +358,12 @@ impl Raycaster {
 struct PathArrays<'a> {
     majorants: &'a Array,
     maps: &'a Array,
-    sky: &'a wgpu::Buffer,
-    boxes: &'a wgpu::Buffer,
-    walls: &'a wgpu::Buffer,
-    lost: &'a wgpu::Buffer,
+    gradients: &'a Array,
+    sky: &'a Array,
+    boxes: &'a Array,
+    faces: &'a Array,
+    walls: &'a Array,
+    counts: &'a wgpu::Buffer,
 }
 
 impl PathTracer {
@@ -353,26 +382,42 @@ impl PathTracer {
         Ok(())
     }
 
-    /// Adds a sample to each pixel. Reads nothing back.
+    /// Draws until each pixel has `until` samples.
     ///
     /// # Errors
     /// [`Error::Gpu`] if the device fails.
-    pub fn add_sample(&mut self) -> Result<()> {
-        for tile in &mut self.tiles {
-            tile.params.sample = self.samples;
-            let mut work = self.gpu.start_recording();
-            tile.pass.set_params(&mut work, &tile.params)?;
-            tile.pass.record(&mut work);
-            work.submit()?;
+    fn draw_until(&mut self, until: u32) -> Result<()> {
+        let mut unfinished = self.counts()?.unfinished;
+        loop {
+            for tile in &mut self.tiles {
+                tile.params.until = until;
+                let mut work = self.gpu.start_recording();
+                tile.pass.set_params(&mut work, &tile.params)?;
+                tile.pass.record(&mut work);
+                work.submit()?;
+            }
+            // Reading waits for the device: a queue without bound would delay a cancellation.
+            let before = std::mem::replace(&mut unfinished, self.counts()?.unfinished);
+            if unfinished == before {
+                self.samples = until;
+                return Ok(());
+            }
         }
-        self.samples += 1;
-        Ok(())
+    }
+
+    fn counts(&self) -> Result<Counts> {
+        let counts = self.gpu.read_buffer::<u32>(&self.counts)?;
+        let at = |k: usize| counts.get(k).copied().unwrap_or(0);
+        Ok(Counts {
+            lost: at(0),
+            unfinished: at(1),
+        })
     }
 
     /// Adds samples until their number or the noise of the options is reached.
     ///
     /// # Errors
-    /// As [`PathTracer::add_sample`], and [`Error::Cancelled`].
+    /// [`Error::Gpu`] if the device fails, and [`Error::Cancelled`].
     pub fn finish(&mut self, progress: ProgressFn) -> Result<PathPicture> {
         let most = self.options.samples;
         let mut next_look = 8;
@@ -381,9 +426,13 @@ impl PathTracer {
             if progress("light paths", done).is_break() {
                 return Err(Error::Cancelled);
             }
-            self.add_sample()?;
-            // A queue without bound would delay a cancellation.
-            self.gpu.wait()?;
+            // Small batches first, which say how long it takes.
+            let batch = BATCH.min(self.samples.max(1));
+            let mut until = most.min(self.samples + batch);
+            if self.options.noise.is_some() && self.samples < next_look {
+                until = until.min(next_look);
+            }
+            self.draw_until(until)?;
             if self.samples >= most {
                 return self.picture();
             }
@@ -415,11 +464,10 @@ impl PathTracer {
                 sums[row * columns + x..][..width].copy_from_slice(line);
             }
         }
-        let lost = self.gpu.read_buffer::<u32>(&self.lost)?;
         Ok(PathPicture::new(
             self.size,
             &sums,
-            (self.samples, lost.first().copied().unwrap_or(0)),
+            (self.samples, self.counts()?.lost),
             &self.options,
             self.guide.as_ref(),
         ))

@@ -5,6 +5,7 @@
 use super::environment::SkyMap;
 use super::lobes::{self, SpecularAlbedo};
 use super::tone::linear;
+use super::walls::Wall;
 use crate::random::Random;
 use crate::render::AbsoluteTransferFunction;
 use glam::DVec3;
@@ -15,6 +16,8 @@ const GRADIENT_HALF_SATURATION: f64 = 2.0;
 /// Optical depth and distance within which a cut face acts as a surface; as in the shader.
 const CUT_DEPTH: f64 = 3.0;
 const CUT_DISTANCE: f64 = 0.01;
+/// Distance by which a path leaves a wall; as in the shader.
+const WALL_OFFSET: f64 = 2e-5;
 
 /// A body in the local frame, with scalars at its nodes.
 pub(super) struct ReferenceBody<'a> {
@@ -28,6 +31,8 @@ pub(super) struct ReferenceBody<'a> {
     pub scale: f64,
     /// Clip planes: normal and offset in the local frame.
     pub clips: &'a [(DVec3, f64)],
+    /// Triangles of skins and tools.
+    pub walls: &'a [Wall],
 }
 
 pub(super) struct ReferencePaths<'a> {
@@ -37,6 +42,16 @@ pub(super) struct ReferencePaths<'a> {
     pub anisotropy: f64,
     pub albedo: SpecularAlbedo,
     pub random: Random,
+}
+
+/// What a path scatters at.
+struct Event {
+    place: DVec3,
+    /// Linear.
+    colour: [f64; 3],
+    /// How likely it is with a surface, and the surface's normal.
+    share: f64,
+    normal: DVec3,
 }
 
 /// What a place is made of.
@@ -87,47 +102,24 @@ impl ReferenceBody<'_> {
 impl ReferencePaths<'_> {
     /// Returns light and opacity of one path from `origin` along the unit vector `way`.
     pub fn trace(&mut self, origin: DVec3, way: DVec3) -> ([f64; 3], f64) {
-        let majorant = self.body.transfer.max_extinction() * self.body.scale;
-        let (low, high) = crate::mesh::bounds(self.body.nodes);
         let (mut x, mut d) = (origin, way);
         let mut weight = [1.0; 3];
         let mut events = 0;
-        // To the box around the body, then by free flights until beyond it.
-        while let Some(start) = enter_box(x, d, low, high) {
-            x += start * d;
-            let mut hit = None;
-            while hit.is_none() {
-                x += d * (-(1.0 - self.random.next()).ln() / majorant);
-                if !((x - low).min_element() >= 0.0 && (high - x).min_element() >= 0.0) {
-                    break;
-                }
-                let Some(spot) = self.body.at(x) else {
-                    continue;
-                };
-                let sigma = self.body.transfer.extinction(spot.scalar) * self.body.scale;
-                let cut = self.body.cut(x);
-                if cut.0 >= 0.0 && self.random.next() * majorant < sigma {
-                    hit = Some((spot, sigma, cut));
-                }
-            }
-            let Some((spot, sigma, cut)) = hit else {
+        loop {
+            let wall = self.wall(x, d);
+            let end = wall.as_ref().map_or(f64::INFINITY, |(t, _)| *t);
+            let Some(event) = self.collision(x, d, end).or(wall.map(|(_, event)| event)) else {
                 break;
             };
             events += 1;
-            let colour = self.body.transfer.colour(spot.scalar).map(linear);
-            let steep = spot.gradient.length();
-            let mut share = steep / (steep + GRADIENT_HALF_SATURATION);
-            let mut normal = spot.gradient.normalize_or_zero();
-            let near = (sigma * cut.0 / CUT_DEPTH).powi(2) + (cut.0 / CUT_DISTANCE).powi(2);
-            if self.random.next() < (-near).exp() {
-                (share, normal) = (1.0, cut.1);
-            }
-            if normal.dot(d) > 0.0 {
-                normal = -normal;
-            }
-            let (next, factor) = match self.random.next() < share && -normal.dot(d) > 1e-4 {
-                true => self.reflect(normal, -d, colour),
-                false => (self.scatter(d), colour),
+            x = event.place;
+            let normal = match event.normal.dot(d) > 0.0 {
+                true => -event.normal,
+                false => event.normal,
+            };
+            let (next, factor) = match self.random.next() < event.share && -normal.dot(d) > 1e-4 {
+                true => self.reflect(normal, -d, event.colour),
+                false => (self.scatter(d), event.colour),
             };
             d = next;
             for (w, f) in weight.iter_mut().zip(factor) {
@@ -145,6 +137,78 @@ impl ReferencePaths<'_> {
         }
         let sky = self.sky.texels[self.sky.texel(d)];
         (std::array::from_fn(|k| weight[k] * sky[k]), 1.0)
+    }
+
+    /// Returns the first collision with the body nearer than `end`: from the box around it by free
+    /// flights.
+    fn collision(&mut self, x: DVec3, d: DVec3, end: f64) -> Option<Event> {
+        let majorant = self.body.transfer.max_extinction() * self.body.scale;
+        let (low, high) = crate::mesh::bounds(self.body.nodes);
+        let mut gone = enter_box(x, d, low, high)?;
+        loop {
+            gone -= (1.0 - self.random.next()).ln() / majorant;
+            let place = x + gone * d;
+            let inside = (place - low).min_element() >= 0.0 && (high - place).min_element() >= 0.0;
+            if gone > end || !inside {
+                return None;
+            }
+            let Some(spot) = self.body.at(place) else {
+                continue;
+            };
+            let sigma = self.body.transfer.extinction(spot.scalar) * self.body.scale;
+            let cut = self.body.cut(place);
+            if cut.0 < 0.0 || self.random.next() * majorant >= sigma {
+                continue;
+            }
+            let steep = spot.gradient.length();
+            let mut event = Event {
+                place,
+                colour: self.body.transfer.colour(spot.scalar).map(linear),
+                share: steep / (steep + GRADIENT_HALF_SATURATION),
+                normal: spot.gradient.normalize_or_zero(),
+            };
+            let near = (sigma * cut.0 / CUT_DEPTH).powi(2) + (cut.0 / CUT_DISTANCE).powi(2);
+            if self.random.next() < (-near).exp() {
+                (event.share, event.normal) = (1.0, cut.1);
+            }
+            return Some(event);
+        }
+    }
+
+    /// Returns the distance of the first wall that does not let a path through, and the event there.
+    fn wall(&mut self, x: DVec3, d: DVec3) -> Option<(f64, Event)> {
+        let mut hits: Vec<(f64, &Wall, [f64; 3])> = Vec::new();
+        for wall in self.body.walls {
+            let [a, b, c] = wall.corners.map(|p| p.as_dvec3());
+            // Solves x + t d = a + u (b − a) + v (c − a).
+            let columns = glam::DMat3::from_cols(b - a, c - a, -d);
+            if columns.determinant().abs() > 0.0 {
+                let [u, v, t] = (columns.inverse() * (x - a)).to_array();
+                if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > WALL_OFFSET {
+                    hits.push((t, wall, [1.0 - u - v, u, v]));
+                }
+            }
+        }
+        hits.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (t, wall, share) in hits {
+            let place = x + t * d;
+            let clipped = self.body.cut(place).0 < 0.0;
+            if clipped || self.random.next() >= f64::from(wall.opacity) {
+                continue;
+            }
+            let at = |of: [glam::Vec3; 3]| {
+                let terms = of.map(|v| v.as_dvec3());
+                share[0] * terms[0] + share[1] * terms[1] + share[2] * terms[2]
+            };
+            let event = Event {
+                place,
+                colour: at(wall.colours).to_array(),
+                share: 1.0,
+                normal: at(wall.normals).normalize_or_zero(),
+            };
+            return Some((t, event));
+        }
+        None
     }
 
     /// Returns a direction after scattering in soft tissue.

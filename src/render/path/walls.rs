@@ -1,7 +1,7 @@
 //! Surfaces of skins and tools in light paths, and the tree of boxes with which a path finds them
 //! (`shaders/lib/path_walls.wgsl`).
 
-use crate::gpu::Gpu;
+use crate::gpu::{Array, Gpu, Texel};
 use crate::{Error, Result};
 use glam::Vec3;
 
@@ -23,7 +23,7 @@ pub(crate) struct Wall {
 
 /// The tree on the device.
 pub(super) struct Walls {
-    pub buffer: wgpu::Buffer,
+    pub items: Array,
     pub count: u32,
     pub leaves: u32,
 }
@@ -39,7 +39,7 @@ impl Walls {
         }
         let items = items(walls);
         Ok(Walls {
-            buffer: gpu.buffer_of("surfaces for paths", &items)?,
+            items: gpu.array_of("surfaces for paths", Texel::F32x4, &items)?,
             count: walls.len() as u32,
             leaves: leaves(walls.len()) as u32,
         })
