@@ -2,7 +2,7 @@
 
 use super::readings::DisplacementsEntry;
 use super::recording::Recording;
-use crate::press::fitted_depths;
+use crate::press::{FIT_FRACTION, step_depths};
 #[cfg(feature = "study")]
 use crate::scene::MassEntry;
 use crate::{Error, Result};
@@ -309,8 +309,8 @@ impl Presses {
             place.observed.iter_mut().for_each(|own| own.at *= factor);
             if self.is_map {
                 for own in &mut place.observed {
-                    let depths = fitted_depths(own.depth, unit * other.radius);
-                    (place.depths, own.weights) = line_weights(&depths);
+                    place.depths = step_depths(own.depth, unit * other.radius).collect();
+                    own.weights = line_weights(&place.depths, own.depth);
                 }
             }
         }
@@ -318,15 +318,17 @@ impl Presses {
     }
 }
 
-/// Returns the depths on which the slope of the line fitted at evenly spaced `depths` depends, with the
-/// weights of their forces: a middle one has none, and is not pressed.
-fn line_weights(depths: &[f64]) -> (Vec<f64>, Vec<(usize, f64)>) {
-    let mean = depths.iter().sum::<f64>() / depths.len() as f64;
-    let spread: f64 = depths.iter().map(|d| (d - mean).powi(2)).sum();
-    let far = |d: &f64| (d - mean).powi(2) > 1e-9 * spread;
-    let kept: Vec<f64> = depths.iter().copied().filter(far).collect();
-    let weights = kept.iter().map(|d| (d - mean) / spread).enumerate();
-    (kept.clone(), weights.collect())
+/// Returns the weights of the forces at the steps to a depth in the slope of the line that a map fits to the
+/// deeper ones; one in their middle has none.
+fn line_weights(depths: &[f64], deepest: f64) -> Vec<(usize, f64)> {
+    let fitted = depths.iter().copied().enumerate();
+    let fitted: Vec<(usize, f64)> = fitted
+        .filter(|(_, d)| *d >= FIT_FRACTION * deepest)
+        .collect();
+    let mean = fitted.iter().map(|(_, d)| d).sum::<f64>() / fitted.len() as f64;
+    let spread: f64 = fitted.iter().map(|(_, d)| (d - mean).powi(2)).sum();
+    let weights = fitted.iter().map(|(k, d)| (*k, (d - mean) / spread));
+    weights.filter(|(_, by)| by * by * spread > 1e-9).collect()
 }
 
 fn curve(
@@ -443,13 +445,14 @@ mod tests {
     /// The weights are those of the slope that `palpate press --map` fits.
     #[test]
     fn slope_of_map_is_that_of_line() {
-        let (depths, weights) = line_weights(&fitted_depths(0.006, 0.012));
+        let depths: Vec<f64> = step_depths(0.006, 0.012).collect();
+        let weights = line_weights(&depths, 0.006);
         let all = [0.00392, 0.00496, 0.006];
         let force = |d: f64| 400.0 * d.powf(1.5);
         let pairs = all.iter().map(|d| (d - all[1]) * force(*d));
         let line = pairs.sum::<f64>() / (2.0 * 0.00104f64.powi(2));
         let slope: f64 = weights.iter().map(|(k, by)| by * force(depths[*k])).sum();
-        assert_eq!(depths.len(), 2);
+        assert_eq!((depths.len(), weights.len()), (6, 2));
         assert!((slope / line - 1.0).abs() < 1e-9, "{slope} {line}");
     }
 }

@@ -3,7 +3,6 @@
 use super::IdentifyOptions;
 use super::data::{Experiment, ExperimentKind, Observed, Presses};
 use super::lump::{FACTOR_FIELD, Lump, LumpElements};
-use super::predict_presses::PressedStates;
 use super::recorded_body::RecordedBody;
 use super::stiffness_grid::{self, StiffnessGrid};
 use super::unknown::{Kind, ScaledUnknown, Unknown};
@@ -76,7 +75,6 @@ pub(super) struct MeasuredBody<'a> {
     pub(super) tets: Vec<Vec<u32>>,
     /// Metres per file unit.
     unit: f64,
-    pub(super) pressed: PressedStates,
 }
 
 impl<'a> MeasuredBody<'a> {
@@ -129,7 +127,6 @@ impl<'a> MeasuredBody<'a> {
             sigma: Vec::new(),
             tets,
             unit: 1.0,
-            pressed: PressedStates::default(),
         };
         body.add(data, options.noise.unwrap_or(UNIT_NOISE))?;
         Ok(body)

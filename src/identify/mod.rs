@@ -161,7 +161,7 @@ impl ExpectedIntervals<'_> {
     }
 
     /// Returns the intervals by Laplace's approximation at these values, for each noise: one prediction with
-    /// its derivatives, which begins where the nodes were in the last one.
+    /// its derivatives.
     ///
     /// # Errors
     /// As [`identify`].

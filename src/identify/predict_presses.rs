@@ -6,48 +6,16 @@ use super::forward::{BodyExperiment, MeasuredBody, Prediction};
 use super::unknown::Kind;
 use crate::mesh::TetMesh;
 use crate::physics::Gradient;
-use crate::press::{Asked, Presser};
+use crate::press::Presser;
 use crate::progress::ProgressScope;
 use crate::scene::Scene;
 use crate::{Error, ProgressFn, Result};
 use glam::DVec3;
-use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::mpsc;
 
 /// Change of θ of differences.
 const DIFFERENCE: f64 = 0.02;
-/// Largest number of positions of nodes that are kept.
-const MOST_KEPT: usize = 1 << 24;
-
-/// Positions of the nodes at each depth of a press.
-type Positions = Vec<Vec<DVec3>>;
-
-/// Where the nodes were in the presses of the last prediction: the next one begins there.
-#[derive(Default)]
-pub(super) struct PressedStates(Mutex<BTreeMap<[u64; 5], Arc<Positions>>>);
-
-impl PressedStates {
-    fn key((radius, place): (f64, &Place)) -> [u64; 5] {
-        let deepest = place.depths.last().copied().unwrap_or(0.0);
-        [place.at.x, place.at.y, place.at.z, radius, deepest].map(f64::to_bits)
-    }
-
-    fn of(&self, press: (f64, &Place)) -> Option<Arc<Positions>> {
-        let all = self.0.lock().unwrap_or_else(|e| e.into_inner());
-        all.get(&PressedStates::key(press)).cloned()
-    }
-
-    fn keep(&self, press: (f64, &Place), positions: Positions) {
-        let mut all = self.0.lock().unwrap_or_else(|e| e.into_inner());
-        let key = PressedStates::key(press);
-        let own: usize = positions.iter().map(Vec::len).sum();
-        // All presses have about as many.
-        if all.contains_key(&key) || (all.len() + 1) * own <= MOST_KEPT {
-            all.insert(key, Arc::new(positions));
-        }
-    }
-}
 
 impl MeasuredBody<'_> {
     /// Returns the numbers of all presses, with derivatives by the adjoint method, or by central differences by
@@ -247,16 +215,8 @@ impl MeasuredBody<'_> {
             let mut weights = place.observed.iter().flat_map(|observed| &observed.weights);
             weights.any(|(own, _)| *own == k)
         };
-        let asked = Asked {
-            depths: &depths,
-            parameters: &chain.parameters,
-            is_wanted: &is_wanted,
-        };
-        let known = self.pressed.of((radius, place));
-        let pressed = presser.press(site, asked, known.as_ref().map(|known| &known[..]))?;
-        self.pressed.keep((radius, place), pressed.positions);
-        Ok(pressed
-            .forces
+        let forces = presser.press(site, &depths, (&chain.parameters, &is_wanted))?;
+        Ok(forces
             .into_iter()
             .map(|force| Gradient {
                 derivatives: chain.by_unknowns(&force.derivatives),

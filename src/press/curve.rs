@@ -5,7 +5,7 @@ use crate::accuracy::Round;
 use serde::Serialize;
 
 /// Stiffness is fitted where the depth is at least this fraction of the maximum.
-pub(super) const FIT_FRACTION: f64 = 0.5;
+pub(crate) const FIT_FRACTION: f64 = 0.5;
 
 /// One step of a press.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

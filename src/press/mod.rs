@@ -24,13 +24,15 @@ mod support_table;
 mod surface_moments;
 mod validity;
 
+#[cfg(feature = "identify")]
+pub(crate) use curve::FIT_FRACTION;
 pub use curve::{Bed, PressConditions, PressReport, PressSample};
 pub use interactive::InteractiveStage;
 #[cfg(feature = "identify")]
-pub(crate) use map::fitted_depths;
+pub(crate) use map::step_depths;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
 #[cfg(feature = "identify")]
-pub(crate) use presser::{Asked, Presser};
+pub(crate) use presser::Presser;
 pub use session::PressSession;
 pub(crate) use setup::PressSetup;
 pub use site::PressSite;

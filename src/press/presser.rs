@@ -20,21 +20,6 @@ const MAX_MORE_STEPS: u32 = 6;
 /// Smallest cosine between the outward direction and that away from the table of a further press.
 const MIN_UP_COSINE: f64 = 0.5;
 
-/// The forces of a press at its depths with their derivatives, and where the nodes were, in file units.
-pub(crate) struct Pressed {
-    pub forces: Vec<Gradient>,
-    pub positions: Vec<Vec<DVec3>>,
-}
-
-/// The depths of a press in file units, the parameters of derivatives, and of the force at which depths they
-/// are wanted.
-#[derive(Clone, Copy)]
-pub(crate) struct Asked<'a> {
-    pub depths: &'a [f64],
-    pub parameters: &'a [Parameter],
-    pub is_wanted: &'a dyn Fn(usize) -> bool,
-}
-
 /// A simulator with a fingertip, in double precision, and its rest state.
 pub(crate) struct Presser {
     motion: Motion,
@@ -92,9 +77,8 @@ impl Presser {
         Ok(self.boundary.spot(nearest, outward.normalize_or(DVec3::Z)))
     }
 
-    /// Presses the body from rest at `site` to each of the depths (file units, increasing). Returns the
-    /// force at each (N), with its derivatives where they are wanted. Where the nodes were at the same depths
-    /// with other parameters, if it is `known`, they begin.
+    /// Presses the body from rest at `site` to each of the `depths` (file units, increasing). Returns the
+    /// force at each (N), with its derivatives by `parameters` if `is_wanted` for its number.
     ///
     /// # Errors
     /// As a simulation step and [`Gradients::gradient`](crate::physics::Gradients::gradient);
@@ -102,60 +86,33 @@ impl Presser {
     pub fn press(
         &mut self,
         site: PressSite,
-        asked: Asked<'_>,
-        known: Option<&[Vec<DVec3>]>,
-    ) -> Result<Pressed> {
-        if let Some(known) = known.filter(|known| known.len() == asked.depths.len()) {
-            match self.press_from(site, asked, Some(known)) {
-                // It may be too far from there.
-                Err(Error::Solver { .. } | Error::Input(_)) => {}
-                done => return done,
-            }
-        }
-        self.press_from(site, asked, None)
-    }
-
-    fn press_from(
-        &mut self,
-        site: PressSite,
-        asked: Asked<'_>,
-        known: Option<&[Vec<DVec3>]>,
-    ) -> Result<Pressed> {
+        depths: &[f64],
+        (parameters, is_wanted): (&[Parameter], &dyn Fn(usize) -> bool),
+    ) -> Result<Vec<Gradient>> {
         let saved = self.motion.simulator.checkpoint_mut();
         Capability::Checkpoints
             .require(saved)?
             .set_state(&self.rest)?;
         self.session
             .touch_site(&mut self.motion, &self.boundary, site)?;
+        let tool = self.motion.tool_id(self.session.setup().tool)?;
         let quantity = Quantity::ToolForce {
-            tool: self.motion.tool_id(self.session.setup().tool)?,
+            tool,
             direction: site.outward,
         };
-        let mut pressed = Pressed {
-            forces: Vec::with_capacity(asked.depths.len()),
-            positions: Vec::new(),
-        };
-        for (k, depth) in asked.depths.iter().enumerate() {
-            if let Some(known) = known {
-                let (tool, place) = self.session.fingertip_at(*depth)?;
-                self.motion.teleport_tool(tool, place)?;
-                self.motion.simulator.set_positions(&known[k])?;
-                self.session.set_depth(*depth);
-            }
+        let mut forces = Vec::with_capacity(depths.len());
+        for (k, depth) in depths.iter().enumerate() {
             let force = self.force_at(*depth)?;
-            pressed
-                .forces
-                .push(match (asked.is_wanted)(k) && force > 0.0 {
-                    true => self.gradient_at(*depth, (&quantity, asked.parameters))?,
-                    false => Gradient {
-                        value: force,
-                        derivatives: vec![0.0; asked.parameters.len()],
-                        ..Gradient::default()
-                    },
-                });
-            pressed.positions.push(self.motion.positions()?);
+            forces.push(match is_wanted(k) && force > 0.0 {
+                true => self.gradient_at(*depth, (&quantity, parameters))?,
+                false => Gradient {
+                    value: force,
+                    derivatives: vec![0.0; parameters.len()],
+                    ..Gradient::default()
+                },
+            });
         }
-        Ok(pressed)
+        Ok(forces)
     }
 
     /// Takes a step to a depth, in file units. Returns the force there, N.

@@ -31,6 +31,7 @@ fn record(folder: &std::path::Path, moved: &[f64]) -> std::path::PathBuf {
 
 /// The coefficient of a twin on a finer mesh is found, and derivatives are those of central differences.
 #[test]
+#[ignore = "long: scripts/test --full"]
 fn friction_of_twin_is_found() {
     const NAME: &str = "tool.ball.friction";
     let folder = tempfile::tempdir().unwrap();

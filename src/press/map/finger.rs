@@ -20,17 +20,9 @@ use crate::{Error, ProgressFn, Result, no_progress};
 const STEPS: u32 = 6;
 
 /// Returns the depths of the loading steps at a point, for a fingertip of `radius`; lengths in one unit.
-fn step_depths(depth: f64, radius: f64) -> impl Iterator<Item = f64> {
+pub(crate) fn step_depths(depth: f64, radius: f64) -> impl Iterator<Item = f64> {
     let begin = -INITIAL_CLEARANCE * radius;
     (1..=STEPS).map(move |step| begin + (depth - begin) * f64::from(step) / f64::from(STEPS))
-}
-
-/// Returns those of them that a line is fitted to.
-#[cfg(feature = "identify")]
-pub(crate) fn fitted_depths(depth: f64, radius: f64) -> Vec<f64> {
-    step_depths(depth, radius)
-        .filter(|goal| *goal >= curve::FIT_FRACTION * depth)
-        .collect()
 }
 
 /// The body of a map, and how it is pressed.

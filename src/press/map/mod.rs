@@ -17,7 +17,7 @@ use crate::scene::{AccuracyEntry, Scene, scene_hash};
 use crate::{Error, ProgressFn, Result, no_progress};
 use finger::Bench;
 #[cfg(feature = "identify")]
-pub(crate) use finger::fitted_depths;
+pub(crate) use finger::step_depths;
 use flate2::Crc;
 use glam::DVec3;
 use grid::MapGrid;
