@@ -138,6 +138,13 @@ pub(crate) fn predicted(gpu: &Gpu, scene: &Scene, data: &[Experiment]) -> Result
     Ok(prediction.numbers)
 }
 
+/// Predicted numbers, and for each noise the intervals of the unknowns.
+#[cfg(feature = "study")]
+pub(crate) struct Forecast {
+    pub numbers: Vec<f64>,
+    pub intervals: Vec<Vec<[f64; 2]>>,
+}
+
 /// The intervals of unknowns that experiments with a noise relative to each number are expected to give.
 #[cfg(feature = "study")]
 pub(crate) struct ExpectedIntervals<'a>(MeasuredBody<'a>);
@@ -165,7 +172,7 @@ impl ExpectedIntervals<'_> {
     ///
     /// # Errors
     /// As [`identify`].
-    pub fn at(&self, values: &[f64], noises: &[f64]) -> Result<Vec<Vec<[f64; 2]>>> {
+    pub fn at(&self, values: &[f64], noises: &[f64]) -> Result<Forecast> {
         let found = self.0.predict(values, &crate::no_progress)?;
         let unknowns = self.0.unknowns();
         let jacobian = nalgebra::DMatrix::from_fn(found.numbers.len(), unknowns.len(), |i, k| {
@@ -181,7 +188,10 @@ impl ExpectedIntervals<'_> {
             });
             ends.collect()
         };
-        Ok(noises.iter().map(of_noise).collect())
+        Ok(Forecast {
+            intervals: noises.iter().map(of_noise).collect(),
+            numbers: found.numbers,
+        })
     }
 }
 

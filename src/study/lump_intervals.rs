@@ -14,9 +14,13 @@ const NOISES: [f64; 3] = [1.0, 2.0, 5.0];
 /// Largest halves of the intervals of place and diameter of a lump that is determined, mm.
 const PLACE_ERROR: f64 = 3.0;
 const DIAMETER_ERROR: f64 = 4.0;
-const STATES: [&str; 3] = [
-    "place, size, and that it is stiffer",
-    "that it is stiffer",
+/// Sum of squares of a lump's effect over the noise that by chance is exceeded in 1 % of maps: the quantile of
+/// χ² with five unknowns.
+const DETECTED: f64 = 15.09;
+const STATES: [&str; 4] = [
+    "place, size and contrast",
+    "its place",
+    "that there is one",
     "nothing",
 ];
 const CONTRASTS: [f64; 2] = [2.0, 5.0];
@@ -25,6 +29,9 @@ const DEEP_MM: [f64; 4] = [5.0, 10.0, 15.0, 20.0];
 /// Radius and depth of the presses, m.
 const RADIUS: f64 = 0.012;
 const DEPTH: f64 = 0.006;
+
+/// Column of the effect of a lump.
+const EFFECT: &str = "effect_percent";
 
 /// Linear tets, and points of the map along a side.
 struct Subject {
@@ -58,22 +65,29 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
             }
         }
     }
-    let results: Vec<String> = NOISES
-        .iter()
-        .flat_map(|noise| {
-            ["place_mm", "diameter_mm", "contrast_low"].map(|name| column(name, *noise))
-        })
+    let of_noises = NOISES.iter().flat_map(|noise| {
+        ["place_mm", "diameter_mm", "contrast_low"].map(|name| column(name, *noise))
+    });
+    let results: Vec<String> = std::iter::once(EFFECT.to_owned())
+        .chain(of_noises)
         .collect();
     let results: Vec<&str> = results.iter().map(String::as_str).collect();
     let (scene, map) = pressed_breast(&subject)?;
     let data = [map];
     let body = ExpectedIntervals::new((run.gpu, &scene, &data), Unknown::parse("lump")?)?;
+    let mut plain = None;
     let rows = run.measure(
         "lump-intervals",
         &["tets", "contrast", "lump_mm", "depth_mm"],
         &results,
         &points,
-        |point| intervals(&body, [1, 2, 3].map(|k: usize| point[k].number())),
+        |point| {
+            intervals(
+                &body,
+                &mut plain,
+                [1, 2, 3].map(|k: usize| point[k].number()),
+            )
+        },
     )?;
     let mut charts = Vec::new();
     for contrast in &contrasts {
@@ -84,7 +98,7 @@ pub(super) fn run(run: &Run, _: Option<&Path>) -> Result<()> {
         }
     }
     let charts: Vec<&str> = charts.iter().map(String::as_str).collect();
-    let title = "What a stiffness map tells of a lump";
+    let title = "Which lumps a stiffness map determines";
     run.write_findings("lump-intervals", title, &describe(&rows, &subject), &charts)
 }
 
@@ -108,22 +122,34 @@ fn pressed_breast(subject: &Subject) -> Result<(Scene, Experiment)> {
     Ok((scene, data))
 }
 
-/// Returns for each noise half of the widest interval of a coordinate and of the diameter, mm, and the lower
-/// end of the contrast.
-fn intervals(body: &ExpectedIntervals, [contrast, wide, deep]: [f64; 3]) -> Result<Vec<Cell>> {
+/// Returns by how much the lump changes the map, per cent (root of the sum of squares over the points), and for
+/// each noise half of the widest interval of a coordinate and of the diameter, mm, and the lower end of the
+/// contrast. `plain` is the map without a lump, once it is known.
+fn intervals(
+    body: &ExpectedIntervals,
+    plain: &mut Option<Vec<f64>>,
+    [contrast, wide, deep]: [f64; 3],
+) -> Result<Vec<Cell>> {
     let place = middle_of_lump(&Lump {
         diameter: 1e-3 * wide,
         depth: 1e-3 * deep,
         contrast,
     })?;
-    let values = [place.x, place.y, place.z, 1e-3 * wide, contrast];
-    let found = body.at(&values, &NOISES.map(|noise| 1e-2 * noise))?;
+    let values = |contrast: f64| [place.x, place.y, place.z, 1e-3 * wide, contrast];
+    let plain = match plain {
+        Some(plain) => plain,
+        None => plain.insert(body.at(&values(1.0), &[])?.numbers),
+    };
+    let found = body.at(&values(contrast), &NOISES.map(|noise| 1e-2 * noise))?;
+    let pairs = found.numbers.iter().zip(plain);
+    let effect: f64 = pairs.map(|(own, plain)| (1.0 - *plain / own).powi(2)).sum();
     let half = |[low, high]: [f64; 2]| 500.0 * (high - low);
-    let cells = found.iter().flat_map(|ends| {
+    let cells = found.intervals.iter().flat_map(|ends| {
         let widest = ends[..3].iter().map(|own| half(*own)).fold(0.0, f64::max);
         [widest, half(ends[3]), ends[4][0]]
     });
-    Ok(cells
+    Ok(std::iter::once(100.0 * effect.sqrt())
+        .chain(cells)
         .map(|x| Cell::from(super::csv_table::significant(x, 4)))
         .collect())
 }
@@ -135,12 +161,14 @@ fn column(name: &str, noise: f64) -> String {
 /// Returns the state of a lump: index into [`STATES`].
 fn state(row: &Row, noise: f64) -> usize {
     let number = |name: &str| row.number(&column(name, noise));
-    let is_stiffer = number("contrast_low") > 1.0;
-    let is_placed = number("place_mm") <= PLACE_ERROR && number("diameter_mm") <= DIAMETER_ERROR;
-    match (is_stiffer, is_placed) {
-        (true, true) => 0,
-        (true, false) => 1,
-        (false, _) => 2,
+    let is_detected = (row.number(EFFECT) / noise).powi(2) > DETECTED;
+    let is_placed = number("place_mm") <= PLACE_ERROR;
+    let is_sized = number("diameter_mm") <= DIAMETER_ERROR && number("contrast_low") > 1.0;
+    match (is_detected, is_placed, is_sized) {
+        (true, true, true) => 0,
+        (true, true, false) => 1,
+        (true, false, _) => 2,
+        (false, ..) => 3,
     }
 }
 
@@ -153,7 +181,7 @@ fn chart((rows, wides, deeps): (&[Row], &[f64], &[f64]), contrast: f64, noise: f
     };
     let cells = wides.iter().flat_map(|w| deeps.iter().map(|d| of(*w, *d)));
     StateMap {
-        title: format!("What a map with {noise} % noise tells of lumps {contrast} times as stiff"),
+        title: format!("Lumps {contrast} times as stiff in a map with {noise} % noise"),
         x: Axis::linear("depth of its nearest point (mm)"),
         y: Axis::linear("diameter (mm)"),
         xs: deeps.to_vec(),
@@ -165,28 +193,32 @@ fn chart((rows, wides, deeps): (&[Row], &[f64], &[f64]), contrast: f64, noise: f
 }
 
 fn describe(rows: &[Row], subject: &Subject) -> String {
-    let determined = |noise: f64| rows.iter().filter(|row| state(row, noise) == 0).count();
-    let counts =
-        NOISES.map(|noise| format!("{} of {} at {noise} %", determined(noise), rows.len()));
+    let count =
+        |noise: f64, most: usize| rows.iter().filter(|row| state(row, noise) <= most).count();
+    let counts = NOISES.map(|noise| {
+        let [sized, placed, detected] = [0, 1, 2].map(|most| count(noise, most));
+        format!("at {noise} % {detected} are detected, {placed} placed and {sized} sized")
+    });
     let mut text = format!(
-        "A breast of fat and gland, of {} linear tets, with a ball of stiffer tissue below its upper outer quadrant is pressed at the points of a grid of {1} × {1} with a fingertip of {2:.0} mm, {3:.0} mm deep. The intervals of 90 % that `palpate identify --unknown lump` is expected to give (Laplace's approximation at the true values, the moduli known, the errors of the mesh apart) say what each noise leaves: half of the widest interval of the place, of the diameter, and the lower end of the contrast. A lump is determined if its place is within {PLACE_ERROR} mm, its diameter within {DIAMETER_ERROR} mm, and the contrast is above 1: {4}.\n\n| contrast | diameter, mm | depth, mm |",
+        "A breast of fat and gland, of {} linear tets, with a ball of stiffer tissue below its upper outer quadrant is pressed at the points of a grid of {1} × {1} with a fingertip of {2:.0} mm, {3:.0} mm deep. The intervals of 90 % that `palpate identify --unknown lump` is expected to give (Laplace's approximation at the true values, the moduli known, the errors of the mesh apart) say what each noise leaves: half of the widest interval of the place, of the diameter, and the lower end of the contrast. A lump is detected if its effect on the map (the root of the sum of its squares over the points) exceeds the noise more than chance does in 1 % of maps, placed if its place is within {PLACE_ERROR} mm, and sized if its diameter is within {DIAMETER_ERROR} mm and its contrast above 1. Of {4} lumps, {5}. Where size and contrast are not determined, their joint effect is: a smaller, stiffer ball changes the map alike.\n\n| contrast | diameter, mm | depth, mm | effect |",
         subject.tets,
         subject.points,
         1e3 * RADIUS,
         1e3 * DEPTH,
+        rows.len(),
         counts.join(", ")
     );
     for noise in NOISES {
-        text += &format!(" noise {noise} %: place, diameter, mm; contrast above | tells |");
+        text += &format!(" noise {noise} %: place, diameter, mm; contrast above | determined |");
     }
     text += &format!(
-        "\n| --- | --- | --- |{}",
+        "\n| --- | --- | --- | --- |{}",
         " --- | --- |".repeat(NOISES.len())
     );
     for row in rows {
-        let [contrast, wide, deep] =
-            ["contrast", "lump_mm", "depth_mm"].map(|name| row.number(name));
-        text += &format!("\n| {contrast} | {wide} | {deep} |");
+        let [contrast, wide, deep, effect] =
+            ["contrast", "lump_mm", "depth_mm", EFFECT].map(|name| row.number(name));
+        text += &format!("\n| {contrast} | {wide} | {deep} | {effect:.1} % |");
         for noise in NOISES {
             let number = |name: &str| row.number(&column(name, noise));
             text += &format!(
