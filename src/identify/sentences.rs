@@ -57,7 +57,7 @@ pub(super) fn sentences(
     }
     if found.is_misfit {
         all.push(format!(
-            "the scene does not explain the data: the residuals are {} times the stated noise; intervals are widened for it. Another law, another shape or other supports may explain them",
+            "the scene does not explain the data: the residuals are {} times the stated noise; intervals are widened for it. Another start (--starts), law or shape, or other supports may explain them",
             significant(uncertainty.noise_factor)
         ));
     }

@@ -114,14 +114,19 @@ impl Finger {
     /// with the hand towards +x.
     pub fn tool_surface(radius: f64) -> ToolSurface {
         let finger = Finger::pressing(DVec3::ZERO, radius, DVec3::Z, (DVec3::X, DVec3::NEG_Y));
-        let places = (0..=RINGS).flat_map(|ring| (0..POINTS).map(move |point| place(ring, point)));
-        let places: Vec<[f64; 2]> = places.collect();
-        let at = |ring: usize, point: usize| (ring * POINTS + point % POINTS) as u32;
+        // The first and the last ring are points.
+        let sides = (1..RINGS).flat_map(|ring| (0..POINTS).map(move |point| place(ring, point)));
+        let ends = [place(0, 0), place(RINGS, 0)];
+        let places: Vec<[f64; 2]> = sides.chain(ends).collect();
+        let at = |ring: usize, point: usize| match ring {
+            0 => places.len() as u32 - 2,
+            RINGS => places.len() as u32 - 1,
+            _ => ((ring - 1) * POINTS + point % POINTS) as u32,
+        };
         let quads = (0..RINGS).flat_map(|ring| (0..POINTS).map(move |point| (ring, point)));
         let triangles = quads.flat_map(|(ring, point)| {
             let [a, b, c, d] =
                 [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(i, j)| at(ring + i, point + j));
-            // The first and the last ring are points.
             let first = (ring > 0).then_some([a, d, c]);
             let second = (ring + 1 < RINGS).then_some([a, c, b]);
             first.into_iter().chain(second)
@@ -180,16 +185,14 @@ mod tests {
         let radius = 0.7;
         let ToolSurface { mesh, colours } = Finger::tool_surface(radius);
         assert_eq!(colours.len(), mesh.vertices.len());
-        // Each edge is used once in each direction, but for those of the ends, whose points coincide.
+        // Each edge is used once in each direction.
         let mut directed = std::collections::BTreeMap::new();
         for [a, b, c] in &mesh.triangles {
             for edge in [[a, b], [b, c], [c, a]] {
                 *directed.entry(edge).or_insert(0) += 1;
             }
         }
-        let ring = |v: &u32| *v as usize / POINTS;
-        let at_end = |[a, b]: &[&u32; 2]| ring(a) == ring(b) && [0, RINGS].contains(&ring(a));
-        for ([a, b], count) in directed.iter().filter(|(edge, _)| !at_end(edge)) {
+        for ([a, b], count) in &directed {
             assert_eq!((*count, directed.get(&[*b, *a])), (1, Some(&1)), "{a} {b}");
         }
         let signed = |t: &[u32; 3]| {
