@@ -2,7 +2,10 @@
 
 use palpate::gpu::Shaders;
 use serde_json::{Value, json};
-use wgpu::naga::{Binding, BuiltIn, Module, ScalarKind, ShaderStage, TypeInner};
+use wgpu::naga::{
+    Binding, BuiltIn, GlobalVariable, Handle, ImageClass, Module, ScalarKind, ShaderStage,
+    TypeInner,
+};
 
 /// Writes them as JSON into the file given by `PALPATE_SHADERS`, with the parameters of a pipeline:
 /// entry points, formats of targets, and the values of override constants to be tested.
@@ -26,6 +29,33 @@ fn composed_shaders_have_the_parameters_of_a_pipeline() {
     if let Some(file) = std::env::var_os("PALPATE_SHADERS") {
         std::fs::write(file, Value::Array(shaders).to_string()).unwrap();
     }
+}
+
+/// Software drivers lend more storage textures to light paths only: all others stay within WebGPU's limits.
+#[test]
+fn shaders_bind_no_more_storage_textures_than_webgpu_has() {
+    let mut most = 0;
+    for name in Shaders::names() {
+        let module = Shaders::parse(&name).unwrap();
+        let is_storage = |(_, own): &(Handle<GlobalVariable>, &GlobalVariable)| {
+            matches!(
+                module.types[own.ty].inner,
+                TypeInner::Image {
+                    class: ImageClass::Storage { .. },
+                    ..
+                }
+            )
+        };
+        let count = module.global_variables.iter().filter(is_storage).count();
+        most = most.max(count);
+        let limit = if name.starts_with("render/path stored") {
+            8
+        } else {
+            4
+        };
+        assert!(count <= limit, "{name}: {count}");
+    }
+    assert!(most > 4, "{most}");
 }
 
 fn composed() -> palpate::Result<Vec<Value>> {
