@@ -42,8 +42,12 @@ impl Motion {
         let tools = &self.time_dependent_loads.tools;
         let tool = tools.get(number).filter(|t| !t.moves());
         let id = tool.ok_or_else(|| no_tool(number))?.id;
-        let turn = self.simulator.loads().tool(id)?.rotation();
-        Ok((id, ToolPose::new(place, turn)))
+        // To the bit: a body under a tool that stays does not wake.
+        let pose = ToolPose {
+            position: place.to_array(),
+            ..self.simulator.loads().tool(id)?
+        };
+        Ok((id, pose))
     }
 
     /// Returns the tool of this number.
