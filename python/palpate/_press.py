@@ -42,7 +42,7 @@ class Press:
             is not as exact as wanted.
         point: press point, in the mesh's unit.
         rest: picture of the body at rest, shape (height, width, 4).
-        pressed: picture at maximum depth, clipped through the press point.
+        pressed: picture at maximum depth: what gives, cut through the fingertip towards the eye.
         deformed: mesh at maximum depth, with its displacement.
         notes: notes of automatic choices, one sentence each.
         failure: error of the failed step, or None.
@@ -89,6 +89,8 @@ def press(
     size: Sequence[int] | None = None,
     engine: str | None = None,
     errors: bool = True,
+    show: str | None = None,
+    scene_view: bool = False,
     within: float | None = None,
     max_tets: int | None = None,
     adapter: str | None = None,
@@ -107,6 +109,8 @@ def press(
         size: width and height of the pictures, in pixels.
         engine: engine of the time steps: ``gpu``, ``cpu`` or ``auto``.
         errors: whether to estimate the errors of the numbers, which takes two to four times as long as its steps.
+        show: isolines on the cut of the picture ``pressed``: ``"displacement"`` or ``"stress"``.
+        scene_view: draw ``pressed`` with the camera and mode of the scene, clipped through the press.
         within: refine the mesh, and raise the order of its elements, until the error of the largest force
             is at most this share of it, such as 0.05.
         max_tets: largest number of elements for ``within``; default: 300,000.
@@ -136,7 +140,10 @@ def press(
         ),
     )
     rest = _picture(native.rgba())
-    native.cut_through()
+    if show is not None and scene_view:
+        raise InputError("show and scene_view are both given; remove one of them")
+    if scene_view:
+        native.cut_through()
     pressed, deformed = rest, native.mesh()
     samples: list[tuple[float, str, float, float]] = []
     steps = max(native.steps(), 1)
@@ -154,8 +161,11 @@ def press(
         if sample is None:
             break
         samples.append(sample)
+        if not scene_view:
+            native.keep_picture(show)
         if native.is_deepest():
-            pressed, deformed = _picture(native.rgba()), native.mesh()
+            pressed = _picture(native.rgba() if scene_view else native.deepest_picture())
+            deformed = native.mesh()
         if progress is not None:
             progress("pressing", min(len(samples) / steps, 1.0))
     notes = native.notes()
@@ -163,6 +173,9 @@ def press(
         notes.append("the force was not reached within half of the thickness")
     if errors and failure is None:
         native.estimate_error(progress)
+    if native.has_error() and not scene_view:
+        # Again, with the error of the force.
+        pressed = _picture(native.deepest_picture())
     force_error = native.force_errors()
     report = json.loads(native.report(seconds))
     notes += report["warnings"]

@@ -360,7 +360,8 @@ def render_pieces(
     **picture: Any,
 ) -> Picture:
     """Renders a body in pieces, each on a worker that reads that piece only; the picture matches
-    :func:`palpate.render` of the whole body within 1/255.
+    :func:`palpate.render` of the whole body within 1/255, its regions along the faces of tets
+    (``boundaries="tets"``).
 
     Each piece yields its ray segments with depth, colour and opacity. Pairs of pieces are merged in
     depth order and touching segments composited, in a tree of tasks whose root yields the picture. A

@@ -15,6 +15,9 @@ use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
+/// Bytes of a picture, RGBA, and its width and height.
+type Pixels<'py> = (Bound<'py, PyArray1<u8>>, [u32; 2]);
+
 /// A press, simulated step by step.
 #[pyclass(frozen, module = "palpate._palpate")]
 pub struct Press(Mutex<palpate::press::Press>);
@@ -125,11 +128,31 @@ impl Press {
         serde_json::to_string(&report).map_err(|e| input_error(py, e.to_string()))
     }
 
-    fn rgba<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<u8>>, [u32; 2])> {
+    fn rgba<'py>(&self, py: Python<'py>) -> PyResult<Pixels<'py>> {
         let (bytes, size) = self.with(py, |press| {
             Ok((press.stage().rgba()?, press.stage().size()))
         })?;
         Ok((bytes.into_pyarray(py), size))
+    }
+
+    /// Keeps the present state for `deepest_picture`, with isolines of a field.
+    fn keep_picture(&self, py: Python<'_>, show: Option<&str>) -> PyResult<()> {
+        self.with(py, |press| {
+            press.keep_picture(show.map(palpate::press::field_shown).transpose()?)
+        })
+    }
+
+    /// Returns the picture of the press at the largest depth, cut through the fingertip.
+    fn deepest_picture<'py>(&self, py: Python<'py>) -> PyResult<Pixels<'py>> {
+        let (bytes, size) = self.with(py, |press| {
+            let (size, background) = (press.stage().size(), press.stage().picture_background());
+            Ok((press.deepest_picture(size)?.rgba8(background), size))
+        })?;
+        Ok((bytes.into_pyarray(py), size))
+    }
+
+    fn has_error(&self, py: Python<'_>) -> PyResult<bool> {
+        self.with(py, |press| Ok(press.has_error()))
     }
 
     fn mesh(&self, py: Python<'_>) -> PyResult<Mesh> {

@@ -151,7 +151,8 @@ def test_pieces_match_whole_body(client, tmp_path: Path) -> None:
                 kill_one(client)
 
         ours = palpate.dask.render_pieces(index, camera, client, each=each, **looks)
-        whole = palpate.render(limb, camera=camera, **looks)
+        # Pieces show regions along the faces of tets.
+        whole = palpate.render(limb, camera=camera, boundaries="tets", **looks)
         assert ours.shape == whole.shape == (150, 200, 4)
         assert whole[..., :3].std() > 5.0
         apart = np.abs(ours.astype(int) - whole)
@@ -171,6 +172,8 @@ def test_pieces_reject_unsupported_settings(client, tmp_path: Path) -> None:
         palpate.dask.render_pieces(index, None, client, legend=True)
     with pytest.raises(palpate.InputError, match="not support planes"):
         palpate.dask.render_pieces(index, None, client, clip=[(0, 0, 0, 1, 0, 0)])
+    with pytest.raises(palpate.InputError, match="not support smooth boundaries"):
+        palpate.dask.render_pieces(index, None, client, boundaries="smooth")
     with pytest.raises(palpate.FileError):
         palpate.dask.render_pieces(tmp_path / "none.pvtu", None, client)
     with pytest.raises(palpate.InputError, match="pieces"):

@@ -45,6 +45,13 @@ def test_press_matches_command_line(tmp_path: Path, run) -> None:
     assert found.force_error.max() > 0
     assert np.isclose(found.report["max_force_error_n"], found.force_error.max(), rtol=1e-12)
     assert found.report["error_parts"]["max_force_n"]["mesh"] > 0
+    shown, scene = (
+        palpate.press(ball, size=(160, 120), engine="cpu", depth=0.002, errors=False, **looks).pressed
+        for looks in ({"show": "displacement"}, {"scene_view": True})
+    )
+    assert not np.array_equal(shown, found.pressed) and not np.array_equal(scene, found.pressed)
+    with pytest.raises(palpate.InputError, match="displacement or stress"):
+        palpate.press(ball, size=(32, 24), show="wind")
     with pytest.raises(RuntimeError, match="enough"):
         palpate.press(ball, size=(32, 24), progress=stop)
     with pytest.raises(palpate.InputError):

@@ -88,7 +88,7 @@ def test_pyvista_cameras_are_converted(limb: palpate.Mesh) -> None:
 
 
 def test_matplotlib_colormaps_are_accepted(limb: palpate.Mesh) -> None:
-    shown = {"field": "intensity", "size": (80, 60), "light": "none"}
+    shown = {"field": "intensity", "size": (80, 60), "light": "none", "background": "black"}
     jet, gray = (palpate.render(limb, cmap=name, **shown) for name in ("jet", "gist_gray"))
     assert not np.array_equal(jet, gray)
     spread = gray[..., :3].max(axis=2).astype(int) - gray[..., :3].min(axis=2)
@@ -180,7 +180,7 @@ def test_pyvista_opacities_are_accepted(limb: palpate.Mesh) -> None:
         ours = 1.0 - np.exp(-0.1 * extinction)
         # Theirs are whole numbers of 255.
         assert np.abs(ours - theirs).max() < 1.01 / 255.0, name
-    looks = {"field": "intensity", "cmap": "magma", "size": (120, 90)}
+    looks = {"field": "intensity", "cmap": "magma", "size": (120, 90), "background": "black"}
     faint = palpate.render(limb, opacity=0.05, **looks).astype(int)
     dense = palpate.render(limb, opacity=[0.0, 0.3, 0.95], **looks).astype(int)
     assert faint[..., :3].max() > 10 and dense[..., :3].mean() > 2.0 * faint[..., :3].mean()

@@ -59,7 +59,8 @@ class Shown:
 
 @pytest.fixture
 def ball():
-    view = palpate.View(palpate.Mesh.generate("ball", tets=1500), size=(160, 120))
+    ball = palpate.Mesh.generate("ball", tets=1500)
+    view = palpate.View(ball, size=(160, 120), background="black")
     yield view
     view.close()
 

@@ -171,6 +171,10 @@ impl Scene {
             (!self.scan.is_empty(), "scans"),
             (!self.skin.is_empty(), "skins"),
             (
+                picture.boundaries.as_deref() == Some("smooth"),
+                "smooth boundaries of regions, which are found on the whole mesh",
+            ),
+            (
                 self.light.model.as_deref() == Some("path"),
                 "light paths, which cross from piece to piece",
             ),

@@ -69,6 +69,21 @@ pub(super) struct KeptPictures {
     deepest: Option<PressedState>,
 }
 
+/// Returns the field whose isolines a picture of a press shows: `displacement`, or `stress` for that of
+/// von Mises.
+///
+/// # Errors
+/// [`Error::Input`] for another name.
+pub fn field_shown(name: &str) -> Result<BodyField> {
+    match name {
+        "displacement" => Ok(BodyField::Displacement),
+        "stress" => Ok(BodyField::VonMises),
+        _ => Err(Error::Input(format!(
+            "isolines on a press show displacement or stress, got \"{name}\""
+        ))),
+    }
+}
+
 impl Press {
     /// Keeps the present state for [`Press::picture`] and, just after loading, for
     /// [`Press::deepest_picture`], with isolines of `show` on the cut, if given:

@@ -222,7 +222,7 @@ mod tests {
     use palpate::gpu::Gpu;
     use palpate::mesh::Topology;
     use palpate::no_progress;
-    use palpate::press::{Press as CommandPress, PressOptions, PressSite};
+    use palpate::press::{Press as CommandPress, PressOptions, PressSample, PressSite};
     use palpate::scene::Scene;
     use std::sync::Arc;
 
@@ -314,7 +314,11 @@ mod tests {
             assert_eq!(theirs.len(), ours.len());
             assert!(theirs.iter().any(|s| s.force_n > 0.0), "{name}");
             for (a, b) in theirs.iter().zip(ours) {
-                assert_eq!(a, b, "{name}");
+                // The window turns the finger, whose tip is a sphere: the last digits differ.
+                let apart = (a.force_n - b.force_n).abs() / a.force_n.max(f64::MIN_POSITIVE);
+                assert!(apart < 1e-9, "{name}: {a:?} {b:?}");
+                let (force_n, others) = (a.force_n, b);
+                assert_eq!(*a, PressSample { force_n, ..*others }, "{name}");
             }
             assert_eq!(window.time(), 0.0, "quasi-static steps take no time");
         }
