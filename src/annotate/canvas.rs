@@ -41,12 +41,16 @@ pub(super) struct Canvas {
     rim: Colour,
 }
 
+/// Returns the default font size (em) on an image of `size` pixels, in pixels.
+pub(crate) fn font_size([width, height]: [u32; 2]) -> f32 {
+    let [width, height] = [width as f32, height as f32];
+    (FONT_SCALE * height.min(width / ASPECT)).max(MIN_FONT_SIZE)
+}
+
 impl Canvas {
     /// Creates an empty canvas for an image of `size` pixels on `background`.
     pub fn new(size: [u32; 2], background: Background) -> Result<Canvas> {
-        let [width, height] = size.map(|n| n as f32);
-        let em = (FONT_SCALE * height.min(width / ASPECT)).max(MIN_FONT_SIZE);
-        Canvas::with_letters(size, background, em)
+        Canvas::with_letters(size, background, font_size(size))
     }
 
     /// As [`Canvas::new`], with a font size of `em` pixels.

@@ -15,7 +15,7 @@ mod scale_bar;
 
 pub use axes::Axes;
 pub(crate) use canvas::Anchor;
-pub(crate) use canvas::missing_letters;
+pub(crate) use canvas::{font_size, missing_letters};
 pub use heading::FrameTime;
 pub(crate) use labels::{Label, draw_labels};
 pub use legend::{BarColours, ColourBar, Legend, Swatch};

@@ -5,7 +5,7 @@ use super::curve::PressSample;
 use super::interactive_error::PressedState;
 use super::setup::PressSetup;
 use super::site::{Boundary, PressSite};
-use super::validity::{ContactProblem, body_warnings, contact_problem};
+use super::validity::{ContactProblem, body_warnings, contact_problem, is_held};
 use crate::accuracy::{ErrorParts, Round, quasi_static_step, settle};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
@@ -59,6 +59,8 @@ struct Contact {
     is_coarse: bool,
     /// Whether the body is in pieces that pass through each other.
     is_in_pieces: bool,
+    /// Whether the nodes there are held.
+    is_held: bool,
 }
 
 impl PressSession {
@@ -105,6 +107,7 @@ impl PressSession {
     ) -> Result<()> {
         let radius = self.setup.radius;
         let pieces = self.setup.pieces_warning(motion.simulator.mesh());
+        let is_held = is_held(motion, &site, radius)?;
         let contact = Contact {
             site,
             touch: boundary.first_touch(&site, radius),
@@ -113,7 +116,8 @@ impl PressSession {
             poisson: boundary
                 .tet_at(site.point)
                 .and_then(|t| poisson_of_tet(motion, t)),
-            warnings: body_warnings(boundary, &site, radius, pieces.clone()),
+            warnings: body_warnings(boundary, &site, radius, (is_held, pieces.clone())),
+            is_held,
             is_in_pieces: pieces.is_some(),
             is_coarse: radius < boundary.edge_near(site.point, radius),
         };
@@ -431,7 +435,8 @@ impl PressSession {
         let coarse = contact.is_coarse.then_some(ContactProblem::CoarseFaces);
         let pieces = contact.is_in_pieces.then_some(ContactProblem::Pieces);
         let problem = contact_problem(&curve.collect::<Vec<_>>());
-        let problem = problem.or(coarse).or(pieces);
+        let held = contact.is_held.then_some(ContactProblem::Held);
+        let problem = held.or(problem).or(coarse).or(pieces);
         problem.map(|problem| problem.to_string())
     }
 }

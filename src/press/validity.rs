@@ -2,8 +2,10 @@
 
 use super::curve::PressSample;
 use super::site::{Boundary, PressSite};
+use crate::Result;
 use crate::mesh::{DisjointSets, TetMesh};
 use crate::number_format::significant;
+use crate::scene::Motion;
 use std::fmt;
 
 /// Forces below this fraction of the largest count as zero.
@@ -127,6 +129,8 @@ pub(crate) enum ContactProblem {
     CoarseFaces,
     /// The body is in pieces that pass through each other.
     Pieces,
+    /// The body is held where it is pressed.
+    Held,
 }
 
 impl fmt::Display for ContactProblem {
@@ -143,6 +147,9 @@ impl fmt::Display for ContactProblem {
             }
             ContactProblem::CoarseFaces => {
                 "force not valid: the finger is smaller than the faces beneath it; use a larger finger or a finer mesh"
+            }
+            ContactProblem::Held => {
+                "force not valid: the body is held here (by a [[pin]], or on the table), so that the finger meets no resistance; press at another place"
             }
             ContactProblem::Pieces => {
                 "force not valid: the body is in pieces that pass through each other; open one of them, join them in the mesh, or add [contact] to the scene"
@@ -180,8 +187,11 @@ pub(super) fn body_warnings(
     boundary: &Boundary,
     site: &PressSite,
     radius: f64,
-    pieces: Option<String>,
+    (is_held, pieces): (bool, Option<String>),
 ) -> Vec<String> {
+    let held = is_held.then(|| {
+        "the body is held where it is pressed (by a [[pin]], or on the table), so that the fingertip meets no resistance; press at another site (--at)".to_owned()
+    });
     let edge = boundary.edge_near(site.point, radius);
     let small = (radius < edge).then(|| {
         format!(
@@ -191,7 +201,20 @@ pub(super) fn body_warnings(
             significant(edge)
         )
     });
-    pieces.into_iter().chain(small).collect()
+    held.into_iter().chain(pieces).chain(small).collect()
+}
+
+/// Returns whether all nodes of the boundary that the fingertip of `radius` can touch at `site`, in file
+/// units, are held: contact has no effect on them.
+pub(super) fn is_held(motion: &Motion, site: &PressSite, radius: f64) -> Result<bool> {
+    let (mesh, topology) = (motion.simulator.mesh(), motion.simulator.topology());
+    let (x, held) = (motion.positions()?, motion.simulator.loads().pinned());
+    let faces = topology.boundary.iter();
+    let nodes = faces.flat_map(|b| topology.boundary_nodes(mesh, *b));
+    let mut near = nodes
+        .filter(|v| x[*v as usize].distance(site.point) <= radius)
+        .peekable();
+    Ok(near.peek().is_some() && near.all(|v| held[v as usize]))
 }
 
 /// Returns a warning if the tets of `mesh` form several pieces without common nodes.

@@ -401,6 +401,20 @@ fn press_is_quasi_static() {
 
 #[test]
 fn presses_that_measure_nothing_have_warnings_and_no_stiffness() {
+    // A site whose nodes are all held.
+    let (low, high) = block("").load_mesh(&palpate::no_progress).unwrap().bounds();
+    let top = PressOptions {
+        at: Some((0.5 * (low + high)).with_z(high.z)),
+        ..finger()
+    };
+    let middle = 0.5 * (low.z + high.z);
+    let scene = block(&format!("[[pin]]\nz_above = {middle}\n"));
+    let report = pressed(&scene, &top).report(0.0);
+    assert!(report.stiffness_n_per_m.is_none());
+    assert!(
+        report.warnings[0].contains("held where it is pressed"),
+        "{report:?}"
+    );
     let small = PressOptions {
         radius: Some(2e-3),
         ..PressOptions::default()

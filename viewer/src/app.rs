@@ -80,6 +80,8 @@ pub struct App {
     /// Whether the picture has the same size as in the frame before.
     pub(crate) settled: bool,
     pub(crate) ruler: Option<[DVec3; 2]>,
+    /// The section through a press.
+    pub(crate) section: Option<egui::TextureHandle>,
     /// Cutting depth of strokes, relative to the body's diagonal.
     pub(crate) cut_depth: f64,
     pub(crate) histogram: Option<Histogram>,
@@ -144,6 +146,7 @@ impl App {
             settled: false,
             refine_pending: false,
             ruler: None,
+            section: None,
             cut_depth: CUT_DEPTH,
             histogram: None,
             handles_shown: true,

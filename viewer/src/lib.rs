@@ -31,6 +31,7 @@ mod probe;
 mod recording;
 mod save;
 pub mod screen;
+mod section;
 pub mod series;
 pub mod settings;
 #[cfg(not(target_arch = "wasm32"))]

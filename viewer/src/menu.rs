@@ -7,7 +7,7 @@ use crate::panel::ImportKind;
 use crate::path_prompt::{PathPrompt, SaveKind};
 use crate::platform;
 use crate::pointer_tool::{PointerGesture, PointerTool};
-use crate::settings::{MouseBindings, Theme};
+use crate::settings::{MouseBindings, SectionLines, SectionPlace, Theme};
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
 use glam::DVec2;
 use std::f64::consts::PI;
@@ -138,6 +138,10 @@ impl App {
         if hit(Key::O) {
             self.orbit.orthographic = !self.orbit.orthographic;
         }
+        if hit(Key::X) {
+            self.settings.section = self.settings.section.next();
+            self.settings.write();
+        }
     }
 
     /// Advances by one step, or shows the next frame of a series.
@@ -180,7 +184,7 @@ impl App {
                     ui.label(format!("{}  {name}: {help}", key.name()));
                 }
                 ui.label("Space: play or pause   .: next step or frame   ,: previous frame");
-                ui.label("F: fit   O: orthographic projection");
+                ui.label("F: fit   O: orthographic projection   X: section through a press");
                 ui.label("R L A P S I: standard views   arrows: orbit   Shift and arrows: pan");
                 ui.label("+ and -: zoom   PgUp and PgDn: dolly   [ and ]: roll");
             });
@@ -263,6 +267,24 @@ impl App {
         }
         ui.separator();
         let before = self.settings.clone();
+        ui.label("Section through a press (X)");
+        for (place, name) in [
+            (SectionPlace::Hidden, "Hidden"),
+            (SectionPlace::Inset, "Inset"),
+            (SectionPlace::Large, "In place of the picture"),
+        ] {
+            ui.radio_value(&mut self.settings.section, place, name);
+        }
+        ui.menu_button("Isolines on the section", |ui| {
+            for (lines, name) in [
+                (SectionLines::None, "None"),
+                (SectionLines::Displacement, "Displacement"),
+                (SectionLines::Stress, "Von Mises stress"),
+            ] {
+                ui.radio_value(&mut self.settings.section_lines, lines, name);
+            }
+        });
+        ui.separator();
         ui.label("Mouse bindings");
         ui.radio_value(
             &mut self.settings.mouse_bindings,

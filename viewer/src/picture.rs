@@ -155,6 +155,7 @@ impl App {
                 strong,
             );
         }
+        self.draw_section(ui, area);
         self.draw_force(&painter, area, strong);
         self.draw_axes(&painter, area, strong);
         let loading = self.loading.as_ref();

@@ -27,6 +27,39 @@ pub enum Theme {
     Light,
 }
 
+/// Where the section through a press is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SectionPlace {
+    /// Nowhere.
+    Hidden,
+    /// At the lower right of the picture.
+    #[default]
+    Inset,
+    /// In place of the picture.
+    Large,
+}
+
+impl SectionPlace {
+    /// Returns the next place, in turn.
+    pub fn next(self) -> SectionPlace {
+        match self {
+            SectionPlace::Hidden => SectionPlace::Inset,
+            SectionPlace::Inset => SectionPlace::Large,
+            SectionPlace::Large => SectionPlace::Hidden,
+        }
+    }
+}
+
+/// Isolines on the section through a press.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[allow(missing_docs)]
+pub enum SectionLines {
+    #[default]
+    None,
+    Displacement,
+    Stress,
+}
+
 /// Persistent settings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Settings {
@@ -35,6 +68,10 @@ pub struct Settings {
     pub mouse_bindings: MouseBindings,
     /// Theme.
     pub theme: Theme,
+    /// Where the section through a press is shown.
+    pub section: SectionPlace,
+    /// The isolines on it.
+    pub section_lines: SectionLines,
     /// Recent files, the latest first.
     pub recent: Vec<PathBuf>,
 }
@@ -51,6 +88,8 @@ impl Settings {
         let one = |key: &str| all.get(key).cloned().unwrap_or_default();
         settings.mouse_bindings = serde_json::from_value(one("habit")).unwrap_or_default();
         settings.theme = serde_json::from_value(one("theme")).unwrap_or_default();
+        settings.section = serde_json::from_value(one("section")).unwrap_or_default();
+        settings.section_lines = serde_json::from_value(one("section_lines")).unwrap_or_default();
         settings.recent = serde_json::from_value(one("recent")).unwrap_or_default();
         settings
     }
@@ -84,6 +123,8 @@ mod tests {
     fn settings_round_trip_and_old_or_invalid_ones_load() {
         let mut settings = Settings {
             mouse_bindings: MouseBindings::Slicer,
+            section: SectionPlace::Large,
+            section_lines: SectionLines::Stress,
             ..Settings::default()
         };
         for name in ["a.vtu", "b.vtu", "a.vtu"] {

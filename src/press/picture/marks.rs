@@ -4,7 +4,7 @@ use super::drawing::{Layout, REST_INK};
 use super::overlay::Pen;
 use super::rounded;
 use crate::Result;
-use crate::annotate::{Anchor, Label, draw_labels};
+use crate::annotate::{Anchor, Label, draw_labels, font_size};
 use crate::render::{Background, Image};
 
 /// Colour of the mark of the depth.
@@ -14,7 +14,7 @@ const DEPTH_INK: [f32; 3] = [0.78, 0.10, 0.08];
 const VALUE_SIZE: f32 = 0.75;
 const VALUE_APART: f64 = 24.0;
 /// The line of the key, above the scale bar: its start from the lower right corner, and its length,
-/// in the same unit.
+/// in the same unit for text of the size in that picture.
 const KEY: [f64; 2] = [180.0, 76.0];
 const KEY_LENGTH: f64 = 80.0;
 
@@ -101,7 +101,8 @@ impl Marks<'_> {
 
 /// Draws a dashed line at the lower right, and returns what it means.
 fn key(image: &mut Image, background: Background) -> Label {
-    let scale = f64::from(image.size[1]) / 768.0;
+    // Text has a smallest size, so that the key of a small picture is larger.
+    let scale = f64::from(font_size(image.size) / font_size([1024, 768]));
     let from = [0, 1].map(|k| f64::from(image.size[k]) - KEY[k] * scale);
     let to = [from[0] + KEY_LENGTH * scale, from[1]];
     // On a dark background the ink of the outline, which lies on the body, would not be seen.

@@ -100,6 +100,7 @@ impl BodySession {
             fingertip,
             press: None,
             press_error: super::PressErrorEstimate::default(),
+            section: super::PressSection::default(),
             grab: None,
             blade: None,
             edits: BodyEditHistory::default(),

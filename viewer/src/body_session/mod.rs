@@ -5,6 +5,7 @@ mod create;
 mod edits;
 mod press;
 mod press_error;
+mod section;
 mod stepping;
 
 pub use edits::RebuildRequest;
@@ -23,6 +24,8 @@ use palpate::{Error, Result};
 use press::Press;
 pub use press_error::PressError;
 use press_error::PressErrorEstimate;
+use section::PressSection;
+pub use section::{SectionOptions, SectionPixels};
 use std::sync::Arc;
 use web_time::Instant;
 
@@ -42,6 +45,8 @@ pub struct BodySession {
     press: Option<Press>,
     /// The error of its force.
     press_error: PressErrorEstimate,
+    /// The section through the body under it.
+    section: PressSection,
     /// The grab, its initial position, and its displacement.
     grab: Option<(GrabId, DVec3, DVec3)>,
     /// Pending cut, the number of scene edits before it, and whether it is a redo.

@@ -130,7 +130,7 @@ impl BodySession {
         let Some(interval) = self.step_interval() else {
             return;
         };
-        if let Err(why) = self.settle() {
+        if let Err(why) = self.settle().and_then(|()| self.take_section()) {
             return self.fail(&why);
         }
         if self.is_busy() && self.owed >= interval {

@@ -23,6 +23,21 @@ const SLOW: f64 = 250.0;
 /// Number of rounds in the memory test.
 const ROUNDS: usize = 6;
 
+/// Left, right, upper and lower bounds of pixels that the section through a press covers.
+const INSET: [usize; 4] = [520, 690, 560, 700];
+
+/// Returns the mean of red, green and blue over part of `image`.
+fn brightness(image: &Image, [left, right, top, bottom]: [usize; 4]) -> f32 {
+    let width = image.size[0] as usize;
+    let rows =
+        (top..bottom).map(|y| &image.values[4 * (y * width + left)..4 * (y * width + right)]);
+    let sum: f32 = rows
+        .flat_map(|row| row.chunks(4))
+        .map(|p| p[0] + p[1] + p[2])
+        .sum();
+    sum / (3 * (right - left) * (bottom - top)) as f32
+}
+
 fn apart(a: &Image, b: &Image) -> f64 {
     ImageDifference::between(a, b).unwrap().rmse
 }
@@ -54,7 +69,11 @@ fn window_session_matches_goldens() {
     window.rest();
     let at_depth = window.shot();
     assert!(apart(&side, &at_depth) > 0.005);
+    // The section has a light background, unlike the picture behind it.
+    assert!(brightness(&side, INSET) < 0.2);
+    window.wait_for_pixels(|shot| brightness(shot, INSET) > 0.4);
     window.let_go();
+    assert!(brightness(&window.shot(), INSET) < 0.2);
     assert_eq!(window.last()["force_n"], Value::Null);
 
     // A pull deforms the body.

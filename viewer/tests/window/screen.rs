@@ -290,6 +290,15 @@ impl Window {
         }
     }
 
+    /// Waits until `is` holds for a screenshot.
+    pub fn wait_for_pixels(&self, is: impl Fn(&Image) -> bool) {
+        let began = Instant::now();
+        while !is(&self.shot()) {
+            assert!(began.elapsed() < PATIENCE, "the picture did not come");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
     /// Reads the screen memory of Xvfb, a file in XWD format.
     pub fn pixels(&self) -> Image {
         let bytes = std::fs::read(self.folder.path().join("Xvfb_screen0")).unwrap();
