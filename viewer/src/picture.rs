@@ -16,6 +16,9 @@ use std::time::Duration;
 /// Colour of warnings over the picture: orange of Okabe and Ito, legible on light and dark.
 const WARNING: Color32 = Color32::from_rgb(230, 159, 0);
 
+/// Colour of text on a section, whose background is light.
+const SECTION_INK: Color32 = Color32::from_rgb(15, 15, 15);
+
 impl App {
     /// Fits the view to the body.
     pub(crate) fn fit_view(&mut self) {
@@ -115,7 +118,14 @@ impl App {
             Some(Ok(error)) => format!("{} at {depth} mm", error.parts.around(force, "N")),
             _ => format!("{} N at {depth} mm", rounded(force, 4)),
         };
-        let at = area.rect.left_top() + egui::vec2(14.0, 12.0);
+        // Below what is written on a section in place of the picture.
+        let (at, strong) = match self.section_is_large() {
+            true => (
+                area.rect.left_bottom() - egui::vec2(-14.0, 74.0),
+                SECTION_INK,
+            ),
+            false => (area.rect.left_top() + egui::vec2(14.0, 12.0), strong),
+        };
         let font = egui::FontId::proportional(20.0);
         let place = painter.text(at, egui::Align2::LEFT_TOP, said, font, strong);
         if let Some(warning) = show.press_warning() {
@@ -157,7 +167,9 @@ impl App {
         }
         self.draw_section(ui, area);
         self.draw_force(&painter, area, strong);
-        self.draw_axes(&painter, area, strong);
+        if !self.section_is_large() {
+            self.draw_axes(&painter, area, strong);
+        }
         let loading = self.loading.as_ref();
         let loading = loading.map(|l| (l.name.clone(), l.progress(), l.opens()));
         let taking = self.taking.as_ref().map(|taking| {

@@ -16,6 +16,11 @@ const ASPECT: f32 = 4.0 / 3.0;
 const MARGIN: f32 = 12.0;
 
 impl App {
+    /// Whether a section is shown in place of the picture.
+    pub(crate) fn section_is_large(&self) -> bool {
+        self.section.is_some() && self.settings.section == SectionPlace::Large
+    }
+
     /// Draws the section through the body under the finger, while it presses.
     pub(crate) fn draw_section(&mut self, ui: &egui::Ui, area: Viewport) {
         let place = match self.settings.section {
