@@ -1,5 +1,5 @@
-// The medium that light paths travel in: what a place in a tet is made of, its gradient, and its
-// distance from cut faces. Needs the bindings of render/path, `record_at` and its like, lib/array,
+// The medium that light paths travel in: what a place in a tet is made of, its gradient, its distance
+// from cut faces, and what a collision there is with. Needs the bindings of render/path, `record_at` and its like, lib/array,
 // lib/path_random, and a scan term if there are scans.
 
 override CELL_SCALARS: bool = false;
@@ -15,6 +15,12 @@ override CLIP_PLANE_COUNT: u32 = 0u;
 const ROW_MASK: u32 = 0x7fffu;
 const COLOUR_LUT_SIZE: u32 = 1024u;
 
+// Gradient with which half of the collisions are with a surface; as in lib/shade.
+const GRADIENT_HALF_SATURATION: f32 = 2.0;
+// Optical depth and distance (in local units) from a cut face within which it acts as a surface.
+const CUT_DEPTH: f32 = 3.0;
+const CUT_DISTANCE: f32 = 0.01;
+
 // Of the tet of the last collision: its table row, and the map to rest positions.
 var<private> row: u32;
 var<private> map_x: vec4<f32>;
@@ -28,10 +34,14 @@ fn load_medium(t: u32) {
         row = textureLoad(rows, array_texel(t), 0).x & ROW_MASK;
     }
     if USE_REST_POSITIONS {
-        map_x = textureLoad(maps, array_texel(3u * t), 0);
-        map_y = textureLoad(maps, array_texel(3u * t + 1u), 0);
-        map_z = textureLoad(maps, array_texel(3u * t + 2u), 0);
+        load_rest_map(t);
     }
+}
+
+fn load_rest_map(t: u32) {
+    map_x = textureLoad(maps, array_texel(3u * t), 0);
+    map_y = textureLoad(maps, array_texel(3u * t + 1u), 0);
+    map_z = textureLoad(maps, array_texel(3u * t + 2u), 0);
 }
 
 fn rest_of(x: vec3<f32>) -> vec3<f32> {
@@ -92,6 +102,17 @@ struct Medium {
     scan: u32,
 }
 
+// Returns the scalar's share of its range at a place in the tet.
+fn share_at(t: u32, x: vec3<f32>) -> f32 {
+    if CELL_SCALARS {
+        return textureLoad(cells, array_texel(t), 0).x;
+    }
+    let gradient = bitcast<vec4<f32>>(record_at(8u * t + 4u));
+    let corner = record_at(8u * t + 5u);
+    let range = unpack2x16unorm(corner.w);
+    return clamp(dot(gradient.xyz, x - bitcast<vec3<f32>>(corner.xyz)) + gradient.w, range.x, range.y);
+}
+
 // Returns the medium at a place in the tet. With several scans their extinctions add, and the
 // collision is with one of them, in proportion.
 fn medium_at(t: u32, x: vec3<f32>) -> Medium {
@@ -116,16 +137,7 @@ fn medium_at(t: u32, x: vec3<f32>) -> Medium {
 #any scan         }
         return found;
     }
-    var share: f32;
-    if CELL_SCALARS {
-        share = textureLoad(cells, array_texel(t), 0).x;
-    } else {
-        let gradient = bitcast<vec4<f32>>(record_at(8u * t + 4u));
-        let corner = record_at(8u * t + 5u);
-        let range = unpack2x16unorm(corner.w);
-        share = clamp(dot(gradient.xyz, x - bitcast<vec3<f32>>(corner.xyz)) + gradient.w, range.x, range.y);
-    }
-    let look = look_of(row, share);
+    let look = look_of(row, share_at(t, x));
     return Medium(look.rgb, look.w, 0u);
 }
 
@@ -152,4 +164,29 @@ fn gradient_at_place(t: u32, x: vec3<f32>, which: u32) -> vec3<f32> {
 // Returns the linear form of a colour in sRGB.
 fn linear_colour(c: vec3<f32>) -> vec3<f32> {
     return select(pow((c + 0.055) / 1.055, vec3(2.4)), c / 12.92, c <= vec3(0.04045));
+}
+
+// What a path meets.
+struct Collision {
+    colour: vec3<f32>,
+    // Unit normal, on the side the path came from, and how likely the collision is with a surface.
+    normal: vec3<f32>,
+    surface_share: f32,
+    // Slice or isosurface, from 1; 0 for none.
+    section: u32,
+}
+
+// Returns the collision with the medium at a place in the tet of a ray; extinction is per local unit.
+fn collision_at(ray: Ray, x: vec3<f32>, medium: Medium, cut: Cut) -> Collision {
+    let gradient = gradient_at_place(ray.tet, x, medium.scan);
+    let steep = length(gradient);
+    var found = Collision(linear_colour(medium.colour), gradient / max(steep, 1e-20), steep / (steep + GRADIENT_HALF_SATURATION), 0u);
+    let cut_depth = params.extinction * medium.extinction * cut.distance / CUT_DEPTH;
+    let cut_distance = cut.distance / CUT_DISTANCE;
+    let cut_share = exp(-cut_depth * cut_depth - cut_distance * cut_distance);
+    if cut_share > 0.0 && random() < cut_share {
+        found.normal = cut.normal;
+        found.surface_share = 1.0;
+    }
+    return found;
 }

@@ -16,7 +16,7 @@
 @group(0) @binding(next) var cells: texture_2d<f32>;
 // Table row of each tet, if HAS_REGIONS.
 @group(0) @binding(next) var rows: texture_2d<u32>;
-// Clip planes (lib/sections).
+// Clip planes, slices and isosurfaces, as in lib/sections; but isosurfaces have the share of the range.
 @group(0) @binding(next) var cuts: texture_2d<f32>;
 // Maps to rest positions (render/path_maps), if USE_REST_POSITIONS.
 @group(0) @binding(next) var maps: texture_2d<f32>;
@@ -27,15 +27,12 @@
 #import lib/path_random
 #import lib/path_lobes
 #import lib/path_medium
+#import lib/path_sections
 #import lib/path_sky
 #import lib/path_boxes
 #import lib/path_walls
+#import lib/path_camera
 
-// Gradient with which half of the collisions are with a surface; as in lib/shade.
-const GRADIENT_HALF_SATURATION: f32 = 2.0;
-// Optical depth and distance (in local units) from a cut face within which it acts as a surface.
-const CUT_DEPTH: f32 = 3.0;
-const CUT_DISTANCE: f32 = 0.01;
 // Distance, in local units, by which a ray that leaves the body where it has entered it goes on: by
 // rounding, it would enter there again and again.
 const GRAZE: f32 = 2e-6;
@@ -95,6 +92,8 @@ struct Ray {
     at: f32,
     // NONE outside.
     tet: u32,
+    // Slice or isosurface on which it starts, from 1; 0 for none.
+    left: u32,
 }
 
 // State of a path.
@@ -162,7 +161,7 @@ fn load_tet(code: u32, inside: bool) {
     if face < 4u {
         exit_code = record_at(8u * t + 6u)[face];
     }
-    majorant = params.extinction * majorant_at(t);
+    majorant = select(0.0, params.extinction * majorant_at(t), DRAW_VOLUME);
     loaded = true;
 }
 
@@ -175,32 +174,15 @@ fn start_ray(next: Ray) {
     depth = random_depth();
     wall_after = WALL_OFFSET;
     loaded = false;
+    sides_known = false;
     entered_at = -1.0;
-}
-
-// Returns the ray of a pixel's sample, from the lens.
-fn camera_ray(position: vec2<f32>) -> Ray {
-    let slope = params.slope.xy * position + params.slope.zw;
-    let base = params.base.xy * position + params.base.zw;
-    // At z, the ray is at base + slope z across the view.
-    let from_ = base + slope * params.near - vec2(params.right.w, params.up.w);
-    var origin = from_.x * params.right.xyz + from_.y * params.up.xyz + (params.near - params.forward.w) * params.forward.xyz;
-    var direction = slope.x * params.right.xyz + slope.y * params.up.xyz + params.forward.xyz;
-    if params.lens > 0.0 {
-        let target_point = origin + (params.focus - params.near) * direction;
-        let r = params.lens * sqrt(random());
-        let turn = 2.0 * PI * random();
-        origin += r * cos(turn) * params.right.xyz + r * sin(turn) * params.up.xyz;
-        direction = target_point - origin;
-    }
-    return Ray(origin, normalize(direction), 0.0, NONE);
 }
 
 // Returns the tet that contains the start of the ray, whose nearest face is `back`, by a walk back
 // from that face.
 fn tet_of_start(back: FaceHit) -> u32 {
     let forward = ray;
-    ray = Ray(ray.origin + back.distance * ray.direction, -ray.direction, 0.0, back.code >> 2u);
+    ray = Ray(ray.origin + back.distance * ray.direction, -ray.direction, 0.0, back.code >> 2u, 0u);
     load_tet(back.code, false);
     for (var i = 0u; i < params.max_steps && exit_at < back.distance && exit_code != NONE; i++) {
         ray.at = exit_at;
@@ -210,29 +192,6 @@ fn tet_of_start(back: FaceHit) -> u32 {
     let found = ray.tet;
     ray = forward;
     loaded = false;
-    return found;
-}
-
-// What a path meets.
-struct Collision {
-    colour: vec3<f32>,
-    // Unit normal, on the side the path came from, and how likely the collision is with a surface.
-    normal: vec3<f32>,
-    surface_share: f32,
-}
-
-// Returns the collision with the medium at a place in the tet of a ray; extinction is per local unit.
-fn collision_at(ray: Ray, x: vec3<f32>, medium: Medium, cut: Cut) -> Collision {
-    let gradient = gradient_at_place(ray.tet, x, medium.scan);
-    let steep = length(gradient);
-    var found = Collision(linear_colour(medium.colour), gradient / max(steep, 1e-20), steep / (steep + GRADIENT_HALF_SATURATION));
-    let cut_depth = params.extinction * medium.extinction * cut.distance / CUT_DEPTH;
-    let cut_distance = cut.distance / CUT_DISTANCE;
-    let cut_share = exp(-cut_depth * cut_depth - cut_distance * cut_distance);
-    if cut_share > 0.0 && random() < cut_share {
-        found.normal = cut.normal;
-        found.surface_share = 1.0;
-    }
     return found;
 }
 
@@ -264,10 +223,10 @@ fn scatter(x: vec3<f32>, met: Collision) {
     let survives = select(min(most, 1.0), 1.0, events <= SURE_EVENTS);
     let goes_on = most > 0.0 && random() < survives;
     weight = select(vec3(0.0), weight / max(survives, 1e-20), goes_on);
-    waiting = Ray(x, way, 0.0, ray.tet);
+    waiting = Ray(x, way, 0.0, ray.tet, met.section);
     testing = any(tested > vec3(0.0));
     if testing {
-        start_ray(Ray(x, source.direction, 0.0, ray.tet));
+        start_ray(Ray(x, source.direction, 0.0, ray.tet, met.section));
     } else if goes_on {
         start_ray(waiting);
     }
@@ -304,6 +263,7 @@ const AT_NOTHING: u32 = 0u;
 const AT_WALL: u32 = 1u;
 const AT_COLLISION: u32 = 2u;
 const AT_SKY: u32 = 3u;
+const AT_SECTION: u32 = 4u;
 
 // Leads a ray outside to where it enters the body. Returns what stops it.
 fn find_entry() -> u32 {
@@ -322,7 +282,10 @@ fn find_entry() -> u32 {
     ray.at = face.distance;
     entered_at = ray.at;
     ray.tet = face.code >> 2u;
+    ray.left = 0u;
+    sides_known = false;
     load_tet(face.code, false);
+    meet_section();
     return AT_NOTHING;
 }
 
@@ -340,12 +303,13 @@ fn reach_sky() {
     running = false;
 }
 
-// Walks from tet to tet to the next candidate for a collision, a wall, or out of the body. Returns
-// what stops the ray.
+// Walks from tet to tet to the next candidate for a collision, a surface, or out of the body.
+// Returns what stops the ray.
 fn walk() -> u32 {
     var met = AT_NOTHING;
     loop {
-        let end = select(exit_at, min(exit_at, wall.distance), HAS_WALLS);
+        let until = min(exit_at, section_at);
+        let end = select(until, min(until, wall.distance), HAS_WALLS);
         let depth_to_end = majorant * (end - ray.at);
         if depth < depth_to_end {
             ray.at = min(ray.at + depth / majorant, end);
@@ -353,8 +317,13 @@ fn walk() -> u32 {
             break;
         }
         depth -= depth_to_end;
-        if HAS_WALLS && wall.distance <= exit_at {
+        if HAS_WALLS && wall.distance <= until {
             met = AT_WALL;
+            break;
+        }
+        if section != 0u {
+            ray.at = section_at;
+            met = AT_SECTION;
             break;
         }
         ray.at = exit_at;
@@ -368,19 +337,29 @@ fn walk() -> u32 {
             break;
         }
         load_tet(exit_code, false);
+        meet_section();
     }
     return met;
 }
 
-// Takes the ray in the body to its next collision, a wall, or out. Returns what stops it; `medium` and
-// `cut` are those of a collision. A test that a collision ends is over: the path itself flies on.
+// Takes the ray in the body to its next collision, a surface, or out. Returns what stops it; `medium`
+// and `cut` are those of a collision. A test that a collision ends is over: the path itself flies on.
 fn fly(medium: ptr<function, Medium>, cut: ptr<function, Cut>) -> u32 {
     var stop = AT_NOTHING;
     loop {
         if !loaded {
             load_tet(4u * ray.tet, true);
+            meet_section();
         }
         stop = walk();
+        if stop == AT_SECTION && !section_stops() {
+            pass_section();
+            steps += 1u;
+            stop = AT_NOTHING;
+            if steps <= params.max_steps {
+                continue;
+            }
+        }
         if stop != AT_COLLISION {
             break;
         }
@@ -439,7 +418,7 @@ fn advance() {
             stop = AT_NOTHING;
         } else {
             let normal = at_wall(wall, 3u);
-            met = Collision(at_wall(wall, 6u), normal / max(length(normal), 1e-20), 1.0);
+            met = Collision(at_wall(wall, 6u), normal / max(length(normal), 1e-20), 1.0, 0u);
         }
     }
     if stop == AT_NOTHING {
@@ -452,6 +431,8 @@ fn advance() {
     let x = ray.origin + ray.at * ray.direction;
     if stop == AT_COLLISION {
         met = collision_at(ray, x, medium, cut);
+    } else if stop == AT_SECTION {
+        met = section_collision(x);
     }
     opacity = 1.0;
     scatter(x, met);

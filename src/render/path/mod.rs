@@ -17,6 +17,10 @@ mod picture;
 #[cfg(test)]
 mod reference;
 #[cfg(test)]
+mod reference_sections;
+#[cfg(test)]
+mod section_tests;
+#[cfg(test)]
 mod tests;
 mod tone;
 mod walls;
@@ -121,8 +125,8 @@ impl Raycaster {
     /// surfaces `walls` of skins and tools.
     ///
     /// # Errors
-    /// [`Error::Input`] for an invalid camera, size or option, and for what paths do not show: slices,
-    /// isosurfaces, and scans of a body without its volume; [`Error::Gpu`] if the device fails.
+    /// [`Error::Input`] for an invalid camera, size or option, and for isosurfaces of a scan, which
+    /// paths do not show; [`Error::Gpu`] if the device fails.
     pub(crate) fn start_paths(
         &mut self,
         camera: &Camera,
@@ -151,6 +155,7 @@ impl Raycaster {
         let walls = Walls::new(&gpu, walls)?;
         let majorants = self.path_majorants()?;
         let (sky, sky_axes) = options.environment.to_gpu(&gpu, camera)?;
+        let sections = self.path_sections()?;
         let counts = gpu.buffer("counts of paths", 8)?;
         let common = gpu_data::Path {
             sky_x: sky_axes[0],
@@ -170,6 +175,7 @@ impl Raycaster {
             boxes: &tree.boxes,
             faces: &tree.faces,
             walls: &walls.items,
+            sections: &sections,
             counts: &counts,
         };
         let mut tiles = Vec::new();
@@ -249,19 +255,21 @@ impl Raycaster {
 
     /// Rejects what paths do not show.
     fn check_path_content(&self) -> Result<()> {
-        let inside = self.looks.inside();
-        let what = if !inside.isosurfaces.is_empty() {
-            "isosurfaces"
-        } else if inside.planes.len() > inside.clips().count() {
-            "slices"
-        } else if !inside.draw_volume {
-            "pictures without the volume"
-        } else {
+        if self.looks.scans().is_none() || self.looks.inside().isosurfaces.is_empty() {
             return Ok(());
-        };
-        Err(Error::Input(format!(
-            "light of paths does not show {what}; use another light (--light head), or leave them out"
-        )))
+        }
+        Err(Error::Input(
+            "light of paths does not show isosurfaces of a scan, only of a field at the nodes; use another light (--light head), remove the isosurfaces or the scan, or raise the transfer function steeply at their values".into(),
+        ))
+    }
+
+    /// Returns planes and isosurfaces in the layout of `lib/sections.wgsl`, isosurfaces with the share
+    /// of the range instead of the table coordinate.
+    fn path_sections(&self) -> Result<Array> {
+        let (low, high) = self.looks.range();
+        let share = |s: f64| (s - low) / (high - low);
+        let inside = self.looks.inside();
+        inside.to_gpu(&self.gpu, self.geometry.frame(), share)
     }
 
     /// Returns the gradient at each node, if surfaces have their normals from it.
@@ -314,7 +322,7 @@ impl Raycaster {
         let records = geometry
             .records()
             .ok_or_else(|| Error::Gpu("the tet records of the paths are missing".into()))?;
-        let [clips, ..] = looks.inside().counts();
+        let [clips, slices, isosurfaces] = looks.inside().counts();
         let mut builder = self
             .gpu
             .pass(&name)
@@ -328,7 +336,7 @@ impl Raycaster {
             .read(arrays.walls)
             .read(&geometry.cells)
             .read(looks.rows().unwrap_or(&self.no_rows))
-            .read(&looks.sections)
+            .read(arrays.sections)
             .read(arrays.maps);
         if let Some((held, places)) = scans {
             builder = builder
@@ -349,6 +357,9 @@ impl Raycaster {
             .constant("NODE_GRADIENTS", flag(self.node_gradients().is_some()))
             .constant("USE_REST_POSITIONS", flag(looks.needs_rest()))
             .constant("CLIP_PLANE_COUNT", clips as f64)
+            .constant("SLICE_COUNT", slices as f64)
+            .constant("ISOSURFACE_COUNT", isosurfaces as f64)
+            .constant("DRAW_VOLUME", flag(looks.inside().draw_volume))
             .constant("HAS_WALLS", flag(params.wall_count > 0))
             .dispatch_workgroups([params.size[0].div_ceil(8), params.size[1].div_ceil(8), 1])
     }
@@ -363,6 +374,7 @@ struct PathArrays<'a> {
     boxes: &'a Array,
     faces: &'a Array,
     walls: &'a Array,
+    sections: &'a Array,
     counts: &'a wgpu::Buffer,
 }
 

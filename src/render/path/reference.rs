@@ -4,6 +4,7 @@
 
 use super::environment::SkyMap;
 use super::lobes::{self, SpecularAlbedo};
+use super::reference_sections::ReferenceSection;
 use super::tone::linear;
 use super::walls::Wall;
 use crate::random::Random;
@@ -33,6 +34,10 @@ pub(super) struct ReferenceBody<'a> {
     pub clips: &'a [(DVec3, f64)],
     /// Triangles of skins and tools.
     pub walls: &'a [Wall],
+    pub sections: &'a [ReferenceSection],
+    /// Nodes at rest.
+    pub rests: &'a [DVec3],
+    pub draws_volume: bool,
 }
 
 pub(super) struct ReferencePaths<'a> {
@@ -106,9 +111,13 @@ impl ReferencePaths<'_> {
         let mut weight = [1.0; 3];
         let mut events = 0;
         loop {
-            let wall = self.wall(x, d);
-            let end = wall.as_ref().map_or(f64::INFINITY, |(t, _)| *t);
-            let Some(event) = self.collision(x, d, end).or(wall.map(|(_, event)| event)) else {
+            let surface = self.surface(x, d);
+            let end = surface.as_ref().map_or(f64::INFINITY, |(t, _)| *t);
+            let collision = match self.body.draws_volume {
+                true => self.collision(x, d, end),
+                false => None,
+            };
+            let Some(event) = collision.or(surface.map(|(_, event)| event)) else {
                 break;
             };
             events += 1;
@@ -175,40 +184,56 @@ impl ReferencePaths<'_> {
         }
     }
 
-    /// Returns the distance of the first wall that does not let a path through, and the event there.
-    fn wall(&mut self, x: DVec3, d: DVec3) -> Option<(f64, Event)> {
-        let mut hits: Vec<(f64, &Wall, [f64; 3])> = Vec::new();
+    /// Returns the distance of the first wall, slice or isosurface that does not let a path through,
+    /// and the event there.
+    fn surface(&mut self, x: DVec3, d: DVec3) -> Option<(f64, Event)> {
+        let mut hits = self.walls(x, d);
+        for crossing in self.body.crossings(x, d) {
+            let event = Event {
+                place: x + crossing.distance * d,
+                colour: crossing.colour.map(linear),
+                share: 1.0,
+                normal: crossing.normal,
+            };
+            hits.push((crossing.distance, crossing.opacity, event));
+        }
+        hits.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (t, opacity, event) in hits {
+            let clipped = self.body.cut(event.place).0 < 0.0;
+            if !clipped && self.random.next() < opacity {
+                return Some((t, event));
+            }
+        }
+        None
+    }
+
+    /// Returns distance, opacity and event of all walls that a ray meets.
+    fn walls(&self, x: DVec3, d: DVec3) -> Vec<(f64, f64, Event)> {
+        let mut hits = Vec::new();
         for wall in self.body.walls {
             let [a, b, c] = wall.corners.map(|p| p.as_dvec3());
             // Solves x + t d = a + u (b − a) + v (c − a).
             let columns = glam::DMat3::from_cols(b - a, c - a, -d);
-            if columns.determinant().abs() > 0.0 {
-                let [u, v, t] = (columns.inverse() * (x - a)).to_array();
-                if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > WALL_OFFSET {
-                    hits.push((t, wall, [1.0 - u - v, u, v]));
-                }
+            if columns.determinant().abs() <= 0.0 {
+                continue;
             }
-        }
-        hits.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (t, wall, share) in hits {
-            let place = x + t * d;
-            let clipped = self.body.cut(place).0 < 0.0;
-            if clipped || self.random.next() >= f64::from(wall.opacity) {
+            let [u, v, t] = (columns.inverse() * (x - a)).to_array();
+            if u < 0.0 || v < 0.0 || u + v > 1.0 || t <= WALL_OFFSET {
                 continue;
             }
             let at = |of: [glam::Vec3; 3]| {
                 let terms = of.map(|v| v.as_dvec3());
-                share[0] * terms[0] + share[1] * terms[1] + share[2] * terms[2]
+                (1.0 - u - v) * terms[0] + u * terms[1] + v * terms[2]
             };
             let event = Event {
-                place,
+                place: x + t * d,
                 colour: at(wall.colours).to_array(),
                 share: 1.0,
                 normal: at(wall.normals).normalize_or_zero(),
             };
-            return Some((t, event));
+            hits.push((t, f64::from(wall.opacity), event));
         }
-        None
+        hits
     }
 
     /// Returns a direction after scattering in soft tissue.

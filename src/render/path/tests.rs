@@ -3,6 +3,7 @@
 use super::environment::Environment;
 use super::lobes::SpecularAlbedo;
 use super::reference::{ReferenceBody, ReferencePaths};
+use super::reference_sections::{ReferenceSection, Shape};
 use super::*;
 use crate::generate;
 use crate::mesh::{LocalFrame, TetMesh, Topology};
@@ -22,9 +23,9 @@ pub(super) struct Body {
     pub nodes: Vec<DVec3>,
     scalars: Vec<f64>,
     transfer: TransferFunction,
-    clips: Vec<Plane>,
+    pub inside: Sections,
     pub lit: bool,
-    walls: Vec<Wall>,
+    pub walls: Vec<Wall>,
     /// How the raycaster finds tets and reads them.
     walk: Traversal,
     reads: MeshAccess,
@@ -46,7 +47,7 @@ impl Body {
             scalars: mesh.nodes.iter().map(share).collect(),
             mesh,
             transfer,
-            clips: Vec::new(),
+            inside: Sections::default(),
             lit: true,
             walls: Vec::new(),
             walk: Traversal::default(),
@@ -55,7 +56,7 @@ impl Body {
     }
 
     /// Bends the body along its longest axis.
-    fn bent(mut self) -> Body {
+    pub fn bent(mut self) -> Body {
         let (low, high) = self.mesh.bounds();
         for p in &mut self.nodes {
             let share = (*p - low) / (high - low);
@@ -92,6 +93,9 @@ impl Body {
                 (0.0, 1.0),
             )
             .unwrap();
+        if self.inside.needs_rest_positions() {
+            geometry.store_rest_positions(&self.mesh).unwrap();
+        }
         if self.lit {
             geometry
                 .enable_lighting(&self.mesh, &self.topology, &self.scalars)
@@ -104,18 +108,41 @@ impl Body {
             ..RaycastOptions::default()
         };
         let mut caster = Raycaster::with_options(gpu, geometry, &self.transfer, options).unwrap();
+        caster.set_sections(&self.inside).unwrap();
         caster
-            .set_sections(&Sections {
-                planes: self.clips.clone(),
-                ..Sections::default()
-            })
-            .unwrap();
-        caster
+    }
+
+    /// Normal and offset of a plane in the local frame.
+    fn local_plane(&self, plane: &Plane) -> (DVec3, f64) {
+        let frame = LocalFrame::from_mesh(&self.mesh);
+        let n = plane.normal.normalize();
+        (n, n.dot((plane.point - frame.origin) / frame.scale))
+    }
+
+    /// The slices and isosurfaces for the paths in float64.
+    fn reference_sections(&self) -> Vec<ReferenceSection> {
+        let mut found = Vec::new();
+        for plane in &self.inside.planes {
+            if let PlaneKind::Slice(opacity) = plane.kind {
+                let (normal, offset) = self.local_plane(plane);
+                found.push(ReferenceSection {
+                    shape: Shape::Plane(normal, offset, plane.at_rest),
+                    colour: None,
+                    opacity,
+                });
+            }
+        }
+        found.extend(self.inside.isosurfaces.iter().map(|iso| ReferenceSection {
+            shape: Shape::Value(iso.value),
+            colour: iso.colour,
+            opacity: iso.opacity,
+        }));
+        found
     }
 
     /// The same picture in float64: light and opacity, premultiplied; and the standard error of the
     /// mean of each channel.
-    fn reference(
+    pub fn reference(
         &self,
         camera: &Camera,
         size: [u32; 2],
@@ -123,11 +150,10 @@ impl Body {
         samples: u32,
     ) -> (Image, [f64; 4]) {
         let frame = LocalFrame::from_mesh(&self.mesh);
-        let local: Vec<DVec3> = self
-            .nodes
-            .iter()
-            .map(|p| (*p - frame.origin) / frame.scale)
-            .collect();
+        let to_local = |p: &DVec3| (*p - frame.origin) / frame.scale;
+        let local: Vec<DVec3> = self.nodes.iter().map(to_local).collect();
+        let rests: Vec<DVec3> = self.mesh.nodes.iter().map(to_local).collect();
+        let sections = self.reference_sections();
         let gradients = match self.lit {
             true => Geometry::reference_node_gradients(
                 &self.mesh,
@@ -140,12 +166,9 @@ impl Body {
         };
         let transfer = self.transfer.to_absolute((0.0, 1.0), frame.scale);
         let clips: Vec<(DVec3, f64)> = self
-            .clips
-            .iter()
-            .map(|plane| {
-                let n = plane.normal.normalize();
-                (n, n.dot((plane.point - frame.origin) / frame.scale))
-            })
+            .inside
+            .clips()
+            .map(|plane| self.local_plane(plane))
             .collect();
         let rows = crate::parallel::map_coarse(size[1] as usize, |y| {
             let mut paths = ReferencePaths {
@@ -158,6 +181,9 @@ impl Body {
                     scale: frame.scale,
                     clips: &clips,
                     walls: &self.walls,
+                    sections: &sections,
+                    rests: &rests,
+                    draws_volume: self.inside.draw_volume,
                 },
                 sky: options.environment.map(camera).unwrap(),
                 roughness: options.roughness,
@@ -204,7 +230,7 @@ impl Body {
 }
 
 /// White, and as dense everywhere.
-fn white(extinction: f64) -> TransferFunction {
+pub(super) fn white(extinction: f64) -> TransferFunction {
     grey(1.0, extinction)
 }
 
@@ -217,7 +243,7 @@ pub(super) fn grey(brightness: f64, extinction: f64) -> TransferFunction {
     .unwrap()
 }
 
-fn soft() -> TransferFunction {
+pub(super) fn soft() -> TransferFunction {
     TransferFunction::relative(
         vec![
             [0.0, 0.9, 0.4, 0.3],
@@ -335,13 +361,13 @@ fn opacity_of_slab_is_that_of_beer() {
 }
 
 /// Size of the compared pictures.
-const SIZE: [u32; 2] = [20, 20];
+pub(super) const SIZE: [u32; 2] = [20, 20];
 /// Samples per pixel in float64.
 const REFERENCE_SAMPLES: u32 = 256;
 
 /// Compares with float64 paths, for each number of samples: means of the picture. Returns the
 /// differences of the pixels.
-fn compare<const N: usize>(
+pub(super) fn compare<const N: usize>(
     body: &Body,
     camera: &Camera,
     options: &PathOptions,
@@ -399,12 +425,15 @@ fn paths_match_float64_paths_at_rest_bent_cut_and_from_inside() {
     let (low, high) = rest.mesh.bounds();
     let middle = 0.5 * (low + high);
     let cut = Body {
-        clips: vec![Plane {
-            point: middle,
-            normal: DVec3::new(0.3, 0.2, 1.0),
-            at_rest: false,
-            kind: PlaneKind::Clip,
-        }],
+        inside: Sections {
+            planes: vec![Plane {
+                point: middle,
+                normal: DVec3::new(0.3, 0.2, 1.0),
+                at_rest: false,
+                kind: PlaneKind::Clip,
+            }],
+            ..Sections::default()
+        },
         ..Body::new("ball", 40, |s| s.x, soft())
     };
     let from_front = Camera::perspective(
@@ -435,7 +464,7 @@ fn paths_match_float64_paths_at_rest_bent_cut_and_from_inside() {
 
 /// Triangles of a square in the local frame of a body, around `middle` with the sides `a` and `b`,
 /// in shares of the body's extent; its corners have different colours.
-fn square(body: &Body, middle: DVec3, [a, b]: [DVec3; 2], opacity: f32) -> [Wall; 2] {
+pub(super) fn square(body: &Body, middle: DVec3, [a, b]: [DVec3; 2], opacity: f32) -> [Wall; 2] {
     let (low, high) = body.mesh.bounds();
     let frame = LocalFrame::from_mesh(&body.mesh);
     let at = |u: f64, v: f64| frame.to_local(low + (high - low) * (middle + u * a + v * b));
@@ -489,12 +518,15 @@ fn paths_with_skins_and_tools_match_float64_paths() {
     compare(&body, &camera, &options, [64]);
     let (low, high) = body.mesh.bounds();
     let cut = Body {
-        clips: vec![Plane {
-            point: low + 0.6 * (high - low),
-            normal: DVec3::new(0.1, 1.0, 0.3),
-            at_rest: false,
-            kind: PlaneKind::Clip,
-        }],
+        inside: Sections {
+            planes: vec![Plane {
+                point: low + 0.6 * (high - low),
+                normal: DVec3::new(0.1, 1.0, 0.3),
+                at_rest: false,
+                kind: PlaneKind::Clip,
+            }],
+            ..Sections::default()
+        },
         ..walled()
     };
     compare(&cut, &camera, &options, [64]);
@@ -669,7 +701,7 @@ fn filter_takes_noise_away() {
 }
 
 #[test]
-fn values_out_of_range_and_unsupported_content_are_refused() {
+fn values_out_of_range_are_refused() {
     let gpu = Gpu::new().unwrap();
     let body = Body::new("ball", 60, |s| s.x, soft());
     let camera = Camera::fit_mesh(&body.mesh);
@@ -702,23 +734,6 @@ fn values_out_of_range_and_unsupported_content_are_refused() {
         })
         .contains("no.hdr")
     );
-    caster
-        .set_sections(&Sections {
-            planes: vec![Plane {
-                point: DVec3::ZERO,
-                normal: DVec3::Z,
-                at_rest: false,
-                kind: PlaneKind::Slice(1.0),
-            }],
-            ..Sections::default()
-        })
-        .unwrap();
-    let message = caster
-        .start_paths(&camera, [8, 8], (&PathOptions::default(), &[]))
-        .err()
-        .unwrap()
-        .to_string();
-    assert!(message.contains("slices"), "{message}");
 }
 
 #[test]
