@@ -42,8 +42,9 @@ pub struct SimulateArguments {
     /// Do not estimate the errors of the reactions in the last frame
     #[arg(long)]
     no_error: bool,
-    /// Resume an interrupted run in the same folder, or extend it by more frames
-    #[arg(long, conflicts_with_all = ["film", "orbit"])]
+    /// Resume an interrupted run in the same folder, or extend it by more frames; a film takes the
+    /// earlier frames from their pictures
+    #[arg(long, conflicts_with = "orbit")]
     resume: bool,
     /// Print the report on standard output as JSON
     #[arg(long)]
@@ -66,6 +67,11 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     if arguments.no_pictures && arguments.no_meshes && !arguments.film.is_requested() {
         anyhow::bail!(
             "--no-pictures and --no-meshes leave nothing to write; remove one of them, or write a film (--film FILE.gif)"
+        );
+    }
+    if arguments.resume && arguments.no_pictures && arguments.film.is_requested() {
+        anyhow::bail!(
+            "a resumed film takes its earlier frames from their pictures; remove --no-pictures, or --resume"
         );
     }
     std::fs::create_dir_all(&arguments.out).map_err(palpate::Error::io(&arguments.out))?;
@@ -120,7 +126,7 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
             Some(path) => Some(start_reactions(&mut stage, path, &times)?),
             None => None,
         },
-        pictures: Pictures::begin(arguments, &mut stage, &name)?,
+        pictures: Pictures::begin(arguments, &mut stage, &name)?.with_earlier(times.len())?,
         checkpoint: resumable.then_some(kept),
         times,
     };
@@ -420,6 +426,17 @@ impl<'a> Pictures<'a> {
             starts: *stage.camera_mut(),
             filmed: false,
         })
+    }
+
+    /// Adds the pictures of the first `frames` frames to the film.
+    fn with_earlier(mut self, frames: usize) -> palpate::Result<Pictures<'a>> {
+        if let Some(film) = &mut self.film {
+            for frame in 0..frames {
+                film.push_file(self.arguments.out.join(format!("{}_{frame:04}.png", self.name)))?;
+                self.filmed = true;
+            }
+        }
+        Ok(self)
     }
 
     /// Renders `frame` of a run with the last frame `last`.

@@ -70,7 +70,38 @@ impl Animation {
                 "frame size {w} x {h} pixels differs from the animation size {x} x {y}"
             )));
         }
-        let pixels = image.rgb(background);
+        self.push_pixels(image.rgb(background))
+    }
+
+    /// Appends a frame from an earlier picture: an opaque PNG of 8 bits per channel, as
+    /// [`Image::save_as`] writes it.
+    ///
+    /// # Errors
+    /// [`Error::Io`] and [`Error::Format`] for a picture that cannot be read, [`Error::Input`] for one of
+    /// another size or kind; otherwise as [`Animation::push`].
+    pub fn push_file(&mut self, path: impl AsRef<Path>) -> Result<()> {
+        let path = path.as_ref();
+        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let picture = image::load_from_memory(&bytes)
+            .map_err(|e| Error::format(path, format!("cannot read the picture: {e}")))?;
+        let size = [picture.width(), picture.height()];
+        let is_plain = matches!(
+            picture.color(),
+            image::ColorType::L8 | image::ColorType::Rgb8
+        );
+        if size != self.size || !is_plain {
+            return Err(Error::Input(format!(
+                "{}: an earlier frame of a film must be an opaque PNG of 8 bits and {} x {} pixels; start the run again without --resume",
+                path.display(),
+                self.size[0],
+                self.size[1]
+            )));
+        }
+        self.push_pixels(picture.into_rgb8().into_raw())
+    }
+
+    /// Appends a frame of red, green and blue per pixel.
+    fn push_pixels(&mut self, pixels: Vec<u8>) -> Result<()> {
         match &mut self.writer {
             Writer::Gif(gif) => {
                 let [width, height] = self.size.map(|n| n as u16);
@@ -288,6 +319,47 @@ mod tests {
         }
         assert_eq!((frames, hundredths), (31, 103));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn frames_of_files_equal_those_of_images() {
+        let folder = tempfile::tempdir().unwrap();
+        let film_of = |name: &str, from_files: bool| {
+            let path = folder.path().join(name);
+            let mut film = Animation::create(&path, [5, 3], 10.0).unwrap();
+            for i in 0..3 {
+                let image = frame([5, 3], i as f32 / 3.0);
+                let file = folder.path().join("frame.png");
+                match from_files {
+                    true => {
+                        let depth = crate::render::BitDepth::Eight;
+                        image.save_as(&file, Background::Gradient, depth).unwrap();
+                        film.push_file(&file).unwrap();
+                    }
+                    false => film.push(&image, Background::Gradient).unwrap(),
+                }
+            }
+            film.finish().unwrap();
+            std::fs::read(path).unwrap()
+        };
+        assert_eq!(film_of("a.gif", false), film_of("b.gif", true));
+        // Another size, bits that a film loses, and no picture are refused.
+        let path = folder.path().join("c.gif");
+        let mut film = Animation::create(path, [5, 3], 10.0).unwrap();
+        let file = folder.path().join("frame.png");
+        let mut refused = |size: [u32; 2], background: Background, depth| {
+            frame(size, 0.5).save_as(&file, background, depth).unwrap();
+            film.push_file(&file).unwrap_err().to_string()
+        };
+        let (eight, sixteen) = (
+            crate::render::BitDepth::Eight,
+            crate::render::BitDepth::Sixteen,
+        );
+        assert!(refused([5, 4], Background::Black, eight).contains("5 x 3"));
+        assert!(refused([5, 3], Background::Transparent, eight).contains("opaque"));
+        assert!(refused([5, 3], Background::Black, sixteen).contains("8 bits"));
+        std::fs::write(&file, "no picture").unwrap();
+        assert!(film.push_file(&file).is_err());
     }
 
     #[test]

@@ -58,6 +58,34 @@ fn film_orbits_static_body() {
 }
 
 #[test]
+fn resumed_film_is_identical() {
+    let folder = folder("film_resumed");
+    let scene = scene(&folder);
+    let run = |out: &str, film: &str, frames: &str, more: &[&str]| {
+        let (out, film) = (folder.join(out), folder.join(film));
+        let given = ["simulate", text(&scene), "--frames", frames];
+        let outputs = ["--film", text(&film), "--out", text(&out)];
+        let light = ["--mode", "composite", "--light", "path", "--spp", "2"];
+        let found = palpate(&[&given[..], &outputs, &light, more].concat());
+        (film, found)
+    };
+    let (whole, found) = run("whole", "whole.gif", "4", &[]);
+    stdout(&found);
+    let (_, found) = run("broken", "broken.gif", "2", &[]);
+    stdout(&found);
+    let picture = folder.join("broken/bar_0001.png");
+    let drawn = std::fs::metadata(&picture).unwrap().modified().unwrap();
+    let (broken, found) = run("broken", "broken.gif", "4", &["--resume"]);
+    stdout(&found);
+    assert_eq!(frames(&whole).0.len(), 5);
+    assert!(std::fs::read(whole).unwrap() == std::fs::read(broken).unwrap());
+    let kept = std::fs::metadata(&picture).unwrap().modified().unwrap();
+    assert_eq!(kept, drawn, "an earlier frame was drawn again");
+    let (_, found) = run("broken", "c.gif", "5", &["--resume", "--no-pictures"]);
+    assert!(failure(&found).contains("--no-pictures"));
+}
+
+#[test]
 fn film_has_every_frame_of_simulation() {
     let folder = folder("film");
     let (scene, film, out) = (scene(&folder), folder.join("f.gif"), folder.join("out"));
