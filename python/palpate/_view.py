@@ -31,6 +31,8 @@ _HERE = Path(__file__).parent
 _STILL = 0.25
 #: Fraction of the picture size while something moves, and JPEG quality in motion and at rest.
 _COARSE, _QUICK, _FINE = 0.5, 75, 92
+#: Most samples per pixel of light paths between two pictures.
+_MORE_SAMPLES = 8
 #: Number of forces kept for the curve.
 _KEPT = 400
 
@@ -97,6 +99,8 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         self._waits: list[tuple[str, Any]] = []
         self._sent = self._got = self._heard = 0
         self._shown_at = 0.0
+        #: Samples per pixel of the light paths that set in at rest, and whether more are to come.
+        self._samples, self._refines = 0, False
         self._ended = False
         self._working = False
         self._problem: str | None = None
@@ -108,7 +112,10 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
     def picture(self, size: Sequence[int] | None = None) -> Picture:
         """Returns the current picture, shape (height, width, 4)."""
         with self._at_work:
-            return self._draw(self.size if size is None else [int(n) for n in size])
+            width, height = self.size if size is None else (int(n) for n in size)
+            stage = self._touched._stage
+            stage.set_size((width, height))
+            return stage.rgba().reshape(height, width, 4)
 
     @property
     def density(self) -> float:
@@ -222,6 +229,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         with self._news:
             pending = bool(self._waits) or self._looks or self._dirty or self._working
             sharp = self._shown_at >= self._changed + _STILL
+            pending = pending or self._refines
             return sharp and not pending and not self._touched.moves and self._sent == self._got
 
     def _due(self) -> bool:
@@ -229,7 +237,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         free = self._sent == self._got
         still = self._changed + _STILL
         sharpens = time.monotonic() >= still and self._shown_at < still
-        return busy or (free and (self._dirty or sharpens))
+        return busy or (free and (self._dirty or sharpens or self._refines))
 
     def _work(self, heard: list[tuple[str, Any]], looks: bool, free: bool) -> Picture | None:
         """Handles the messages, performs a press step, and renders a picture if one can be shown."""
@@ -248,11 +256,28 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
             return None
         moves = now < self._changed + _STILL
         share = _COARSE if moves and self._sent > 0 else 1.0
+        if not (moves or self._dirty) and self._touched._stage.draws_paths():
+            return self._refined(now)
         picture = self._draw([max(int(share * n), 1) for n in self.size])
-        self._dirty = False
+        self._dirty, self._samples = False, 0
+        self._refines = not moves and self._touched._stage.draws_paths()
         # A full-resolution picture is the last until something changes.
         self._shown_at = now if moves else self._changed + _STILL
         return picture
+
+    def _refined(self, now: float) -> Picture | None:
+        """Adds samples to the light paths of a view at rest, as many as it has, and returns it."""
+        stage = self._touched._stage
+        width, height = self.size
+        fresh = self._samples == 0
+        if fresh:
+            stage.set_size((width, height))
+        more = min(max(self._samples, 1), _MORE_SAMPLES)
+        pixels = stage.refine_paths(more, fresh)
+        self._samples += more
+        self._refines = pixels is not None
+        self._shown_at = max(now, self._changed + _STILL)
+        return None if pixels is None else pixels.reshape(height, width, 4)
 
     def _do(self, kind: str, said: Any) -> None:
         touched = self._touched
@@ -285,7 +310,8 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
     def _draw(self, size: Sequence[int]) -> Picture:
         stage = self._touched._stage
         stage.set_size((size[0], size[1]))
-        return stage.rgba().reshape(size[1], size[0], 4)
+        # Light paths would take seconds; they set in at rest.
+        return stage.rgba_in_local_light().reshape(size[1], size[0], 4)
 
     def _looked(self) -> Scene:
         """Returns the scene with the settings of the controls."""

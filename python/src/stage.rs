@@ -270,6 +270,27 @@ impl Stage {
         Ok(bytes.into_pyarray(py))
     }
 
+    /// Returns the image in local light, also in a scene with light paths.
+    fn rgba_in_local_light<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        let bytes = self.with(py, |stage| stage.rgba_in_local_light())?;
+        Ok(bytes.into_pyarray(py))
+    }
+
+    fn draws_paths(&self, py: Python<'_>) -> PyResult<bool> {
+        self.with(py, |stage| Ok(stage.draws_paths()))
+    }
+
+    /// Adds samples to the image by light paths, or begins a fresh one; none if it has them all.
+    fn refine_paths<'py>(
+        &self,
+        py: Python<'py>,
+        more: u32,
+        fresh: bool,
+    ) -> PyResult<Option<Bound<'py, PyArray1<u8>>>> {
+        let bytes = self.with(py, |stage| stage.refine_paths(more, fresh))?;
+        Ok(bytes.map(|bytes| bytes.into_pyarray(py)))
+    }
+
     /// Returns the image as 32-bit floats, as in an EXR, and the number of channels.
     fn raw<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f32>>, usize)> {
         let image = self.with(py, |stage| stage.image())?;

@@ -85,6 +85,25 @@ def test_view_renders_camera_changes(ball: palpate.View) -> None:
     assert len(shown.pictures) == count, "an unchanged view must not be rendered again"
 
 
+def test_light_paths_set_in_at_rest() -> None:
+    scene = palpate.Scene(
+        {"mesh": {"generate": "ball", "tets": 400}, "light": {"model": "path", "samples": 12}}
+    )
+    view = palpate.View(scene, size=(96, 72), background="black")
+    shown = Shown(view)
+    last = shown.rest()
+    drawn = [p for p in shown.pictures if p.shape == (72, 96, 3)]
+    # 1, 2, 4, 8 and 12 samples.
+    assert len(drawn) >= 5, len(drawn)
+    whole = view.picture()[..., :3].astype(int)
+    apart = [np.abs(picture.astype(int) - whole).mean() for picture in (drawn[-5], last)]
+    assert apart[1] < 3 and apart[0] > 2 * apart[1], apart
+    shown.say(kind="turn", x=0.3, y=0.0)
+    shown.wait("a picture in local light", lambda: any(p.shape == (36, 48, 3) for p in shown.pictures))
+    assert np.abs(shown.rest().astype(int) - last.astype(int)).mean() > 1
+    view.close()
+
+
 def test_latest_camera_is_rendered(ball: palpate.View) -> None:
     shown = Shown(ball, answers=False)
     shown.wait("a picture", lambda: shown.numbers)

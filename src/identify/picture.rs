@@ -82,7 +82,7 @@ impl Identified {
         picture.mode = Some("surface".into());
         picture.legend = Some(true);
         picture.scale_bar = Some(true);
-        Stage::with_mesh(gpu, &scene, mesh.clone())?.render_annotated()
+        Stage::with_mesh(gpu, &scene, mesh.clone())?.render_on_background()
     }
 }
 

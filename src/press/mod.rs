@@ -424,7 +424,9 @@ impl Press {
         let Some(mesh) = self.error_mesh()? else {
             return Ok(None);
         };
-        error_stage(mesh, &mut self.stage)?.image().map(Some)
+        error_stage(mesh, &mut self.stage)?
+            .render_on_background()
+            .map(Some)
     }
 
     /// Returns the largest force in each of `levels` spaces, each finer than the one before, N: the

@@ -245,6 +245,23 @@ impl Image {
         }
     }
 
+    /// Returns the image with `background` behind it: opaque, unless that is transparent. Lengths stay as
+    /// they are.
+    pub(crate) fn on(self, background: Background) -> Image {
+        if self.channels == 1 || background == Background::Transparent {
+            return self;
+        }
+        let (_, over) = self.shown(background);
+        Image {
+            channels: 4,
+            values: over
+                .chunks_exact(3)
+                .flat_map(|p| [p[0], p[1], p[2], 1.0])
+                .collect(),
+            ..self
+        }
+    }
+
     /// Returns the image on `background` as in an 8-bit PNG: red, green, blue and opacity per
     /// pixel, not premultiplied, row by row from the top. Lengths are grey.
     pub fn rgba8(&self, background: Background) -> Vec<u8> {

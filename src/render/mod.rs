@@ -57,7 +57,8 @@ pub use xray::Xray;
 
 pub(crate) use depth_peeling::{CACHED_SIZES, attachment};
 pub(crate) use image_tiles::draw_supersampled;
-pub(crate) use path::{Environment, PathOptions, Wall, linear_light};
+pub use path::ProgressivePaths;
+pub(crate) use path::{Environment, PathOptions, PathTracer, Wall, linear_light};
 pub(crate) use pick::PickRay;
 pub(crate) use surface::{ClipPlanes, image_with_depth};
 pub(crate) use tissue_colours::tissue_colour;

@@ -258,6 +258,15 @@ impl Stage {
         Ok(image)
     }
 
+    /// As [`Stage::render_annotated`], on the background of the scene, for which the annotations have
+    /// their colours.
+    ///
+    /// # Errors
+    /// As [`Stage::image`].
+    pub(crate) fn render_on_background(&mut self) -> Result<Image> {
+        Ok(self.render_annotated()?.on(self.looks.background))
+    }
+
     /// Renders the picture and saves it with the scene's background and bit depth; a PNG also has
     /// the annotations of the scene.
     ///

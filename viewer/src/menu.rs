@@ -367,8 +367,10 @@ impl App {
                     _ if show.player.is_some() => "recorded".to_owned(),
                     _ => format!("{:.0} steps/s", show.rate),
                 };
+                let paths = self.screen.path_samples();
+                let paths = paths.map_or(String::new(), |n| format!("  light paths: {n} samples"));
                 ui.label(format!(
-                    "{} tets  {steps}  {rate:.0} pictures/s",
+                    "{} tets  {steps}  {rate:.0} pictures/s{paths}",
                     show.stage().mesh().tets.len()
                 ));
                 if step {

@@ -6,7 +6,7 @@ use eframe::egui;
 use eframe::egui_wgpu::RenderState;
 use palpate::Result;
 use palpate::gpu::Gpu;
-use palpate::render::Camera;
+use palpate::render::{Camera, ProgressivePaths};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use web_time::Instant;
@@ -15,6 +15,8 @@ use web_time::Instant;
 const FRAME_BUDGET: f64 = 0.03;
 /// Resolution per axis relative to the window, during motion: from fine to coarse.
 const RESOLUTION_SCALES: [f64; 4] = [1.0, 0.8, 0.64, 0.5];
+/// Tiles of light paths that a frame begins with, before the time of one is known.
+const FIRST_TILES: usize = 1;
 /// Time without motion before the picture is rendered at full resolution.
 const IDLE_DELAY: Duration = Duration::from_millis(120);
 
@@ -34,12 +36,25 @@ pub struct Screen {
     blit: Option<Blit>,
     shown: Option<DrawnState>,
     moved: Option<Instant>,
+    /// The picture by light paths that sets in at rest, if the scene has one.
+    paths: Option<Paths>,
+    /// Whether it could not be started.
+    paths_failed: bool,
     /// Index of the resolution scale used during motion.
     coarse: usize,
     /// The last submitted picture: time and pixels, and the measured time per million pixels.
     sent: Arc<Mutex<SubmittedFrame>>,
     /// Number of pictures rendered.
     pub pictures: u64,
+}
+
+/// Light paths that set in.
+struct Paths {
+    picture: ProgressivePaths,
+    /// Tiles that the last frame drew, and those of the next.
+    tiles: usize,
+    /// When the last tiles were submitted; none once they are drawn. And how long they took.
+    sent: Arc<Mutex<(Option<Instant>, Duration)>>,
 }
 
 /// A texture, to render into and to display.
@@ -104,8 +119,12 @@ impl Screen {
             .is_some_and(|shown| shown.size[0] < next.size[0]);
         let due = moves || self.shown != Some(next) && (still || !finer);
         if !due && self.texture.is_some() {
-            return Ok(self.shown != Some(full));
+            if self.shown != Some(full) {
+                return Ok(true);
+            }
+            return self.draw_paths(state, show, size);
         }
+        (self.paths, self.paths_failed) = (None, false);
         let view = self.target(state, size);
         let mut work = gpu.start_recording();
         show.record(&mut work, camera, (&view, backdrop))?;
@@ -114,6 +133,59 @@ impl Screen {
         self.shown = Some(next);
         self.pictures += 1;
         Ok(next != full)
+    }
+
+    /// Draws some tiles of the light paths of a scene at rest. Returns whether more are to come.
+    fn draw_paths(
+        &mut self,
+        state: &RenderState,
+        show: &mut BodySession,
+        size: [u32; 2],
+    ) -> Result<bool> {
+        let Some(texture) = self.texture.as_ref().map(|t| t.view.texture().clone()) else {
+            return Ok(false);
+        };
+        if self.paths.is_none() {
+            // In a browser, surfaces of skins and tools cannot be read back at once.
+            let wanted = show.stage().draws_paths() && !cfg!(target_arch = "wasm32");
+            if !wanted || self.paths_failed || show.is_going() {
+                return Ok(false);
+            }
+            self.paths_failed = true;
+            self.paths = Some(Paths {
+                picture: show.start_paths(size)?,
+                tiles: FIRST_TILES,
+                sent: Arc::default(),
+            });
+            self.paths_failed = false;
+        }
+        let Some(paths) = self.paths.as_mut().filter(|p| !p.picture.is_done()) else {
+            return Ok(false);
+        };
+        let (under_way, took) = *paths.sent.lock().unwrap_or_else(PoisonError::into_inner);
+        if under_way.is_some() {
+            return Ok(true);
+        }
+        if took > Duration::ZERO {
+            let more = match took.as_secs_f64() < 0.5 * FRAME_BUDGET {
+                true => 2 * paths.tiles,
+                false => (paths.tiles as f64 * FRAME_BUDGET / took.as_secs_f64()) as usize,
+            };
+            paths.tiles = more.clamp(1, paths.picture.tiles());
+        }
+        let began = Instant::now();
+        *paths.sent.lock().unwrap_or_else(PoisonError::into_inner) = (Some(began), took);
+        paths.picture.draw(&texture, paths.tiles)?;
+        let sent = paths.sent.clone();
+        state.queue.on_submitted_work_done(move || {
+            *sent.lock().unwrap_or_else(PoisonError::into_inner) = (None, began.elapsed());
+        });
+        Ok(true)
+    }
+
+    /// Returns the samples per pixel of the light paths shown; `None` for other pictures.
+    pub fn path_samples(&self) -> Option<u32> {
+        self.paths.as_ref().map(|paths| paths.picture.samples())
     }
 
     /// Forces the next picture to be rendered.
@@ -173,7 +245,10 @@ impl Screen {
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
             format: wgpu::TextureFormat::Rgba8Unorm,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING,
+            // Tiles of light paths are copied to it.
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_DST,
             view_formats: &[],
         });
         let view = texture.create_view(&wgpu::TextureViewDescriptor::default());

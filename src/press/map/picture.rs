@@ -46,7 +46,7 @@ impl PressMap {
         picture.scale_bar = Some(true);
         scene.camera = self.view(scene.picture.size.unwrap_or([800, 600]));
         let mut stage = Stage::with_mesh(gpu, &scene, mesh)?;
-        stage.render_annotated()
+        stage.render_on_background()
     }
 
     /// Returns a camera that looks straight down, with room for a legend in an image of `size`

@@ -14,6 +14,7 @@ mod lobes;
 mod majorants;
 mod options;
 mod picture;
+mod progressive;
 #[cfg(test)]
 mod reference;
 #[cfg(test)]
@@ -28,6 +29,8 @@ mod walls;
 pub(crate) use environment::Environment;
 pub(crate) use options::PathOptions;
 use picture::PathPicture;
+pub use progressive::ProgressivePaths;
+use progressive::WINDOW_TILE;
 pub(crate) use tone::linear_light;
 pub(crate) use walls::Wall;
 
@@ -131,6 +134,27 @@ impl Raycaster {
         &mut self,
         camera: &Camera,
         size: [u32; 2],
+        with: (&PathOptions, &[Wall]),
+    ) -> Result<PathTracer> {
+        self.start_tiled_paths(camera, (size, TILE), with)
+    }
+
+    /// As [`Raycaster::start_paths`], for a picture that sets in over the frames of a window, over
+    /// `backdrop`.
+    pub(crate) fn start_progressive_paths(
+        &mut self,
+        camera: &Camera,
+        (size, backdrop): ([u32; 2], [f32; 4]),
+        with: (&PathOptions, &[Wall]),
+    ) -> Result<ProgressivePaths> {
+        let tracer = self.start_tiled_paths(camera, (size, WINDOW_TILE), with)?;
+        ProgressivePaths::new(tracer, backdrop)
+    }
+
+    fn start_tiled_paths(
+        &mut self,
+        camera: &Camera,
+        (size, tile): ([u32; 2], u32),
         (options, walls): (&PathOptions, &[Wall]),
     ) -> Result<PathTracer> {
         camera.check()?;
@@ -179,12 +203,12 @@ impl Raycaster {
             counts: &counts,
         };
         let mut tiles = Vec::new();
-        for y in (0..size[1]).step_by(TILE as usize) {
-            for x in (0..size[0]).step_by(TILE as usize) {
+        for y in (0..size[1]).step_by(tile as usize) {
+            for x in (0..size[0]).step_by(tile as usize) {
                 let window = ImageRegion {
                     picture: size,
                     corner: [x, y],
-                    size: [TILE.min(size[0] - x), TILE.min(size[1] - y)],
+                    size: [tile.min(size[0] - x), tile.min(size[1] - y)],
                 };
                 tiles.push(self.path_tile((camera, window), options, &arrays, common)?);
             }
@@ -415,6 +439,20 @@ impl PathTracer {
                 return Ok(());
             }
         }
+    }
+
+    /// Adds up to `more` samples per pixel, at most those of the options. Returns the picture; `None` if it
+    /// had them all.
+    ///
+    /// # Errors
+    /// [`Error::Gpu`] if the device fails.
+    pub fn refine(&mut self, more: u32) -> Result<Option<PathPicture>> {
+        let until = self.options.samples.min(self.samples.saturating_add(more));
+        if until <= self.samples {
+            return Ok(None);
+        }
+        self.draw_until(until)?;
+        self.picture().map(Some)
     }
 
     fn counts(&self) -> Result<Counts> {

@@ -9,7 +9,7 @@ pub(super) fn tone_mapped(light: f32) -> f32 {
 }
 
 /// Light that is shown as white.
-const WHITE: f32 = 4.0;
+pub(super) const WHITE: f32 = 4.0;
 
 /// Encodes a linear value in sRGB.
 pub(super) fn srgb(x: f32) -> f32 {

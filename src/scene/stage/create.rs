@@ -132,6 +132,7 @@ impl Stage {
             steps: scene.solver.steps.unwrap_or(PlannedRun::DEFAULT_STEPS),
             cached: None,
             path_report: None,
+            path_tracer: None,
             pictures: [0; 2],
             depth: None,
             notes,

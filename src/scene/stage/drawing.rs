@@ -147,7 +147,7 @@ impl Stage {
     }
 
     /// Updates the displayed tools to their poses. Returns whether any has moved.
-    fn follow_tools(&mut self) -> Result<bool> {
+    pub(super) fn follow_tools(&mut self) -> Result<bool> {
         let mut moved = false;
         if let NodeSource::Simulated(motion) = &self.drive {
             for tool in &mut self.looks.tools {

@@ -45,6 +45,7 @@ use super::checkpoint::CutHistory;
 use super::{Motion, ScalarField, Scene};
 use crate::gpu::Gpu;
 use crate::mesh::TetMesh;
+use crate::render::PathTracer;
 use crate::skin::Skin;
 use drawing::CachedFrame;
 use paths::PathReport;
@@ -66,6 +67,8 @@ pub struct Stage {
     pub(super) cached: Option<CachedFrame>,
     /// Of the last picture by light paths.
     path_report: Option<PathReport>,
+    /// The picture by light paths that [`Stage::refine_paths`] goes on with.
+    path_tracer: Option<PathTracer>,
     /// Number of pictures rendered, and number taken from the cache.
     pub(super) pictures: [u64; 2],
     pub(super) depth: Option<wgpu::TextureView>,

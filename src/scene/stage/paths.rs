@@ -1,9 +1,9 @@
 //! Pictures of a stage by light paths.
 
 use super::Stage;
-use crate::Result;
 use crate::progress::ProgressFn;
-use crate::render::{Image, PathOptions};
+use crate::render::{Image, PathOptions, ProgressivePaths, Wall};
+use crate::{Error, Result};
 
 /// How a picture by light paths came about.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,11 +21,7 @@ impl Stage {
         options: &PathOptions,
         progress: ProgressFn,
     ) -> Result<[Image; 2]> {
-        let tools = self.looks.tools.iter().map(|tool| &tool.skin);
-        let mut walls = Vec::new();
-        for skin in self.looks.skins.iter().chain(tools) {
-            walls.extend(skin.walls()?);
-        }
+        let walls = self.walls()?;
         let (camera, size) = (self.looks.camera, self.looks.size);
         let mut paths = self
             .looks
@@ -42,6 +38,79 @@ impl Stage {
             lost: picture.lost(),
         });
         Ok([picture.shown(), picture.linear().clone()])
+    }
+
+    /// Adds `more` samples per pixel to the picture by light paths of the last call, or begins a `fresh` one
+    /// of the present state. Returns it as [`Stage::rgba`] does, without annotations; `None` if it has the
+    /// samples of the scene.
+    ///
+    /// # Errors
+    /// As [`Stage::start_paths`].
+    pub fn refine_paths(&mut self, more: u32, fresh: bool) -> Result<Option<Vec<u8>>> {
+        let mut tracer = match self.path_tracer.take().filter(|_| !fresh) {
+            Some(tracer) => tracer,
+            None => {
+                let (options, walls) = self.prepare_paths()?;
+                let (camera, size) = (self.looks.camera, self.looks.size);
+                let with = (&options, walls.as_slice());
+                self.looks.raycaster.start_paths(&camera, size, with)?
+            }
+        };
+        let picture = tracer.refine(more)?;
+        self.path_tracer = Some(tracer);
+        let background = self.looks.background;
+        Ok(picture.map(|picture| picture.shown().rgba8(background)))
+    }
+
+    /// Returns the picture in local light as [`Stage::rgba`] does, also in a scene with light paths.
+    ///
+    /// # Errors
+    /// As [`Stage::image`].
+    pub fn rgba_in_local_light(&mut self) -> Result<Vec<u8>> {
+        let paths = self.looks.paths.take();
+        if paths.is_some() {
+            self.cached = None;
+        }
+        let drawn = self.rgba();
+        if paths.is_some() {
+            self.cached = None;
+        }
+        self.looks.paths = paths;
+        drawn
+    }
+
+    /// Updates what paths see to the present state. Returns their options, and the surfaces.
+    fn prepare_paths(&mut self) -> Result<(PathOptions, Vec<Wall>)> {
+        let options = self.looks.paths.clone().ok_or_else(|| {
+            Error::Input("the scene has no light paths; set `model = \"path\"` in [light]".into())
+        })?;
+        self.publish_now()?;
+        self.follow_tools()?;
+        self.refresh_field()?;
+        Ok((options, self.walls()?))
+    }
+
+    /// Returns the surfaces of skins and tools.
+    fn walls(&self) -> Result<Vec<Wall>> {
+        let tools = self.looks.tools.iter().map(|tool| &tool.skin);
+        let mut walls = Vec::new();
+        for skin in self.looks.skins.iter().chain(tools) {
+            walls.extend(skin.walls()?);
+        }
+        Ok(walls)
+    }
+
+    /// Starts a picture by light paths of `size` pixels, of the present state, over the backdrop, that a
+    /// window draws over its frames; it remains that state.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a scene without light paths; otherwise as [`Stage::image`].
+    pub fn start_paths(&mut self, size: [u32; 2]) -> Result<ProgressivePaths> {
+        let (options, walls) = self.prepare_paths()?;
+        let (camera, over) = (self.looks.camera, (size, self.backdrop));
+        self.looks
+            .raycaster
+            .start_progressive_paths(&camera, over, (&options, &walls))
     }
 
     /// Whether the picture is drawn by light paths, which takes its time.

@@ -11,8 +11,12 @@ use std::sync::Arc;
 use web_time::Instant;
 
 /// Note for a scene with light paths.
-const LOCAL_LIGHT: &str =
-    "the window shows local light; palpate render draws the light paths of this scene";
+const LIGHT_PATHS: &str = match cfg!(target_arch = "wasm32") {
+    true => {
+        "a page shows local light; the window and palpate render draw the light paths of this scene"
+    }
+    false => "the light is local while something moves; at rest, light paths set in",
+};
 
 impl BodySession {
     /// Creates the session of `scene` with `mesh`, with a finger of `radius` or of a default
@@ -91,7 +95,7 @@ impl BodySession {
                 .cloned()
                 .chain(press_notes)
                 .chain(pieces)
-                .chain(stage.draws_paths().then(|| LOCAL_LIGHT.into()))
+                .chain(stage.draws_paths().then(|| LIGHT_PATHS.into()))
                 .collect(),
             playing: stage.motion().is_some(),
             stage,

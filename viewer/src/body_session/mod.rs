@@ -18,7 +18,7 @@ use palpate::gpu::Recorder;
 use palpate::mesh::{Blade, TetMesh};
 use palpate::physics::GrabId;
 use palpate::press::PressSession;
-use palpate::render::{Camera, Pick};
+use palpate::render::{Camera, Pick, ProgressivePaths};
 use palpate::scene::{PendingImage, Scene, SkinEntry, Stage};
 use palpate::{Error, Result};
 use press::Press;
@@ -138,6 +138,14 @@ impl BodySession {
         *self.stage.camera_mut() = *camera;
         self.stage.set_backdrop(backdrop);
         self.stage.record(work, colour)
+    }
+
+    /// Starts the picture by light paths of the last recorded view, with `size` pixels.
+    ///
+    /// # Errors
+    /// The errors of [`Stage::start_paths`].
+    pub fn start_paths(&mut self, size: [u32; 2]) -> Result<ProgressivePaths> {
+        self.stage.start_paths(size)
     }
 
     /// Creates the rendering pipelines, so that the first picture is not delayed.
