@@ -1,8 +1,7 @@
 // Slices and isosurfaces that paths meet in the tet of a ray. Each is the zero of a function that is
 // linear in the tet. A ray keeps the side of each that it is on, so that rounding at a face neither
 // hides a crossing nor counts it twice. Needs the bindings of render/path, its `ray` and `exit_at`,
-// and lib/path_medium. CPU reference:
-// `render::path::reference_sections`.
+// and lib/path_medium. CPU reference: `render::path::reference_sections`.
 
 override SLICE_COUNT: u32 = 0u;
 override ISOSURFACE_COUNT: u32 = 0u;

@@ -432,7 +432,11 @@ impl<'a> Pictures<'a> {
     fn with_earlier(mut self, frames: usize) -> palpate::Result<Pictures<'a>> {
         if let Some(film) = &mut self.film {
             for frame in 0..frames {
-                film.push_file(self.arguments.out.join(format!("{}_{frame:04}.png", self.name)))?;
+                film.push_file(
+                    self.arguments
+                        .out
+                        .join(format!("{}_{frame:04}.png", self.name)),
+                )?;
                 self.filmed = true;
             }
         }
