@@ -77,6 +77,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
     ) -> None:
         width, height = (int(n) for n in size)
         self._scene = Scene.from_any(body).updated(picture_entries(size=(width, height), **picture))
+        self._draws_paths = self._scene.entries.get("light", {}).get("model") == "path"
         self._adapter = adapter
         self._touched = Touched(self._scene, adapter)
         own = self._scene.entries.get("picture", {})
@@ -256,11 +257,11 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
             return None
         moves = now < self._changed + _STILL
         share = _COARSE if moves and self._sent > 0 else 1.0
-        if not (moves or self._dirty) and self._touched._stage.draws_paths():
+        if not (moves or self._dirty) and self._draws_paths:
             return self._refined(now)
         picture = self._draw([max(int(share * n), 1) for n in self.size])
         self._dirty, self._samples = False, 0
-        self._refines = not moves and self._touched._stage.draws_paths()
+        self._refines = not moves and self._draws_paths
         # A full-resolution picture is the last until something changes.
         self._shown_at = now if moves else self._changed + _STILL
         return picture
@@ -311,7 +312,7 @@ class View(anywidget.AnyWidget):  # type: ignore[misc]
         stage = self._touched._stage
         stage.set_size((size[0], size[1]))
         # Light paths would take seconds; they set in at rest.
-        return stage.rgba_in_local_light().reshape(size[1], size[0], 4)
+        return stage.rgba(local_light=True).reshape(size[1], size[0], 4)
 
     def _looked(self) -> Scene:
         """Returns the scene with the settings of the controls."""

@@ -138,7 +138,7 @@ impl Press {
     /// Keeps the present state for `deepest_picture`, with isolines of a field.
     fn keep_picture(&self, py: Python<'_>, show: Option<&str>) -> PyResult<()> {
         self.with(py, |press| {
-            press.keep_picture(show.map(palpate::press::field_shown).transpose()?)
+            press.keep_picture(show.map(palpate::press::PressPicture::field).transpose()?)
         })
     }
 

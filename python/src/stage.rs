@@ -1,7 +1,7 @@
 //! A scene that is ready for simulation and rendering.
 
 use crate::arrays::{from_points, to_points};
-use crate::body::{Body, motion, simulator};
+use crate::body::{Body, Exerted, Picked, PressCurve, View, motion, simulator};
 use crate::devices::device;
 use crate::errors::{Raise, input_error};
 use crate::mesh::Mesh;
@@ -26,16 +26,6 @@ use std::time::{Duration, Instant};
 const GROUP: Duration = Duration::from_millis(50);
 /// Maximum number of steps in a group.
 const MAX_STEPS_PER_GROUP: u32 = 64;
-
-/// Eye, target, up vector, and either the opening angle or the height of the view.
-type View = ([f64; 3], [f64; 3], [f64; 3], Option<f64>, Option<f64>);
-
-/// Node, tet, face, point and distance of a pick.
-type Picked = (u32, u32, u32, [f64; 3], f64);
-/// Time, depth and force of the samples of a press, and why the last force has no meaning, if so.
-type PressCurve = (Vec<(f64, f64, f64)>, Option<String>);
-/// Name, force and moment of a reaction.
-type Exerted = (String, [f64; 3], [f64; 3]);
 
 /// A scene that is ready for simulation and rendering, used by one thread at a time.
 #[pyclass(frozen, module = "palpate._palpate")]
@@ -264,20 +254,14 @@ impl Stage {
         })
     }
 
-    /// Returns the image as 8-bit RGBA, as in a PNG.
-    fn rgba<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u8>>> {
-        let bytes = self.with(py, |stage| stage.rgba())?;
+    /// Returns the image as 8-bit RGBA, as in a PNG; on demand without light paths.
+    #[pyo3(signature = (local_light=false))]
+    fn rgba<'py>(&self, py: Python<'py>, local_light: bool) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        let bytes = self.with(py, |stage| match local_light {
+            true => stage.rgba_in_local_light(),
+            false => stage.rgba(),
+        })?;
         Ok(bytes.into_pyarray(py))
-    }
-
-    /// Returns the image in local light, also in a scene with light paths.
-    fn rgba_in_local_light<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u8>>> {
-        let bytes = self.with(py, |stage| stage.rgba_in_local_light())?;
-        Ok(bytes.into_pyarray(py))
-    }
-
-    fn draws_paths(&self, py: Python<'_>) -> PyResult<bool> {
-        self.with(py, |stage| Ok(stage.draws_paths()))
     }
 
     /// Adds samples to the image by light paths, or begins a fresh one; none if it has them all.

@@ -10,7 +10,7 @@ use palpate::gpu::Gpu;
 use palpate::io::{PvdSeries, atomic_write};
 use palpate::number_format::significant;
 use palpate::physics::BodyField;
-use palpate::press::{MapOptions, Press, PressOptions, PressReport, field_shown};
+use palpate::press::{MapOptions, Press, PressOptions, PressPicture, PressReport};
 use palpate::render::{Animation, Background, BitDepth, Image};
 use palpate::scene::Scene;
 use palpate::{Error, Result};
@@ -74,7 +74,7 @@ pub struct PressArguments {
 }
 
 fn shown(text: &str) -> std::result::Result<BodyField, String> {
-    field_shown(text).map_err(|e| e.to_string())
+    PressPicture::field(text).map_err(|e| e.to_string())
 }
 
 /// How a press is drawn.

@@ -63,17 +63,7 @@ fn output_name(arguments: &SimulateArguments) -> String {
 
 /// Simulates, or plays back a series, and renders every frame.
 pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> {
-    arguments.film.check()?;
-    if arguments.no_pictures && arguments.no_meshes && !arguments.film.is_requested() {
-        anyhow::bail!(
-            "--no-pictures and --no-meshes leave nothing to write; remove one of them, or write a film (--film FILE.gif)"
-        );
-    }
-    if arguments.resume && arguments.no_pictures && arguments.film.is_requested() {
-        anyhow::bail!(
-            "a resumed film takes its earlier frames from their pictures; remove --no-pictures, or --resume"
-        );
-    }
+    check_outputs(arguments)?;
     std::fs::create_dir_all(&arguments.out).map_err(palpate::Error::io(&arguments.out))?;
     if super::is_series(&arguments.input) {
         check_replay(arguments)?;
@@ -145,6 +135,22 @@ pub fn run(gpu: &Gpu, arguments: &SimulateArguments) -> anyhow::Result<Outcome> 
     report(arguments, &stage, gpu, frames.times.len(), stage.time())?;
     refinement::check(missed)?;
     Ok(Outcome::Done)
+}
+
+/// Rejects combinations of outputs that write nothing, or a film without its earlier frames.
+fn check_outputs(arguments: &SimulateArguments) -> anyhow::Result<()> {
+    arguments.film.check()?;
+    if arguments.no_pictures && arguments.no_meshes && !arguments.film.is_requested() {
+        anyhow::bail!(
+            "--no-pictures and --no-meshes leave nothing to write; remove one of them, or write a film (--film FILE.gif)"
+        );
+    }
+    if arguments.resume && arguments.no_pictures && arguments.film.is_requested() {
+        anyhow::bail!(
+            "a resumed film takes its earlier frames from their pictures; remove --no-pictures, or --resume"
+        );
+    }
+    Ok(())
 }
 
 /// The outputs of a run, and the times of the frames so far.

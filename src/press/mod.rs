@@ -31,7 +31,7 @@ pub use interactive::InteractiveStage;
 #[cfg(feature = "identify")]
 pub(crate) use map::step_depths;
 pub use map::{MapOptions, MapPoint, PointResult, PressMap};
-pub use picture::{PressPicture, field_shown};
+pub use picture::PressPicture;
 #[cfg(feature = "identify")]
 pub(crate) use presser::Presser;
 pub use session::PressSession;

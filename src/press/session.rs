@@ -61,6 +61,9 @@ struct Contact {
     is_in_pieces: bool,
     /// Whether the nodes there are held.
     is_held: bool,
+    /// Whether the body has been in equilibrium: one with loads of its own may still have moved when the
+    /// fingertip was placed.
+    is_settled: bool,
 }
 
 impl PressSession {
@@ -118,6 +121,7 @@ impl PressSession {
                 .and_then(|t| poisson_of_tet(motion, t)),
             warnings: body_warnings(boundary, &site, radius, (is_held, pieces.clone())),
             is_held,
+            is_settled: self.setup.table.is_some() || !self.setup.quasi_static,
             is_in_pieces: pieces.is_some(),
             is_coarse: radius < boundary.edge_near(site.point, radius),
         };
@@ -151,6 +155,7 @@ impl PressSession {
         motion.set_tool_target(self.setup.tool, contact.place(depth))?;
         contact.depth = depth;
         contact.time = motion.time();
+        contact.is_settled = true;
         Ok(())
     }
 
@@ -248,6 +253,14 @@ impl PressSession {
     /// Returns the depth of the next step of an interactive press towards `goal`, in file units.
     pub fn next_depth(&self, goal: f64) -> f64 {
         let depth = self.depth().unwrap_or(goal);
+        // The first step takes a body with loads of its own to its equilibrium.
+        if self
+            .contact
+            .as_ref()
+            .is_some_and(|contact| !contact.is_settled)
+        {
+            return depth;
+        }
         let radius = self.setup.radius;
         // Exactly `goal` within a step, so that equal goals have equal forces to the last digit.
         goal.clamp(

@@ -349,7 +349,7 @@ fn upward_import_is_found_through_a_re_export() {
 
 /// The library exports what its users need, and no more.
 #[test]
-fn library_exports_at_most_410_items() {
+fn library_exports_at_most_412_items() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut sources = Sources::default();
     read(&root.join("src"), "", &mut sources);
@@ -368,7 +368,7 @@ fn library_exports_at_most_410_items() {
         .map(|(m, name)| format!("{}::{name}", m.join("::")));
     let names: Vec<String> = names.collect();
     assert!(
-        names.len() <= 410,
+        names.len() <= 412,
         "{} items; make what no other crate needs `pub(crate)`:\n{}",
         names.len(),
         names.join("\n")

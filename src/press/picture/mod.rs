@@ -52,22 +52,22 @@ pub(super) struct KeptPictures {
     deepest: Option<PressPicture>,
 }
 
-/// Returns the field whose isolines a picture of a press shows: `displacement`, or `stress` for that of
-/// von Mises.
-///
-/// # Errors
-/// [`Error::Input`] for another name.
-pub fn field_shown(name: &str) -> Result<BodyField> {
-    match name {
-        "displacement" => Ok(BodyField::Displacement),
-        "stress" => Ok(BodyField::VonMises),
-        _ => Err(Error::Input(format!(
-            "isolines on a press show displacement or stress, got \"{name}\""
-        ))),
-    }
-}
-
 impl PressPicture {
+    /// Returns the field whose isolines a picture of a press shows: `displacement`, or `stress` for that of
+    /// von Mises.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for another name.
+    pub fn field(name: &str) -> Result<BodyField> {
+        match name {
+            "displacement" => Ok(BodyField::Displacement),
+            "stress" => Ok(BodyField::VonMises),
+            _ => Err(Error::Input(format!(
+                "isolines on a press show displacement or stress, got \"{name}\""
+            ))),
+        }
+    }
+
     /// Takes the present state of the press `session` on the body of `stage`, seen from the side of its
     /// camera, with isolines of `show` on the cut, if given: the displacement or a stress. An earlier
     /// picture of the same body saves time.

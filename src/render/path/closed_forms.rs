@@ -2,9 +2,10 @@
 
 #![allow(clippy::unwrap_used)]
 
+use super::picture::PathPicture;
 use super::tests::{Body, grey, mean, picture};
 use super::tone::srgb;
-use super::{Environment, PathOptions, PathPicture};
+use super::{Environment, PathOptions};
 use crate::gpu::Gpu;
 use crate::mesh::LocalFrame;
 use crate::render::Camera;

@@ -2,6 +2,7 @@
 
 use super::environment::Environment;
 use super::lobes::SpecularAlbedo;
+use super::picture::PathPicture;
 use super::reference::{ReferenceBody, ReferencePaths};
 use super::reference_sections::{ReferenceSection, Shape};
 use super::*;
