@@ -277,6 +277,31 @@ mod tests {
         assert!(marked > 4, "{marked}");
     }
 
+    /// A body with loads of its own falls asleep before its equilibrium; the first force of a press on it
+    /// is no larger than those that follow.
+    #[test]
+    fn first_force_on_loaded_body_is_settled() {
+        let gpu = Gpu::new().unwrap();
+        let text = "[mesh]\ngenerate = \"bar\"\ntets = 1500\n[material]\nyoung = 2e4\norder = 1\n[solver]\nname = \"implicit\"\ndt = 0.02\n";
+        let scene = Scene::parse(text).unwrap();
+        let mesh = Arc::new(scene.load_mesh(&no_progress).unwrap());
+        let mut window = BodySession::new(&gpu, &scene, mesh.clone(), None).unwrap();
+        // Far from its equilibrium under its own load.
+        step(&mut window).unwrap();
+        let (low, high) = mesh.bounds();
+        let top = (0.5 * (low + high)).with_z(high.z);
+        window.press(&pick_at(top)).unwrap();
+        let radius = window.radius;
+        for depth in [0.06, 0.12, 0.18, 0.24, 0.3] {
+            window.press_to(depth * radius);
+            step(&mut window).unwrap();
+        }
+        let forces: Vec<f64> = window.samples().iter().map(|s| s.force_n).collect();
+        assert_eq!(forces[0], 0.0, "{forces:?}");
+        let most = forces.iter().copied().fold(0.0, f64::max);
+        assert_eq!(most, forces[forces.len() - 1], "{forces:?}");
+    }
+
     #[test]
     fn window_measures_force_of_command() {
         let gpu = Gpu::new().unwrap();

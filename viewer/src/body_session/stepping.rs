@@ -130,8 +130,12 @@ impl BodySession {
         let Some(interval) = self.step_interval() else {
             return;
         };
-        if let Err(why) = self.settle().and_then(|()| self.take_section()) {
+        if let Err(why) = self.settle() {
             return self.fail(&why);
+        }
+        // A body without the field of the isolines is simulated all the same.
+        if let Err(why) = self.take_section() {
+            self.remark = Some(format!("no section: {why}"));
         }
         if self.is_busy() && self.owed >= interval {
             self.owed = (self.owed - interval).min(interval);
