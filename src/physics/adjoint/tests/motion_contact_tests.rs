@@ -79,9 +79,7 @@ fn gradients_of_motion_with_friction_match_differences() {
         let mut by = of_body(&case);
         by.extend(super::contact_tests::tool_parameters());
         by.pop();
-        if kind != SolverKind::Implicit {
-            by = by.into_iter().step_by(3).collect();
-        }
+        let mut by: Vec<_> = by.into_iter().step_by(thinning(kind, 1)).collect();
         by.push(FRICTION);
         case.check_motion(&of, &by);
         let smooth = bar_against_sphere(kind, 0.0);
@@ -119,7 +117,18 @@ fn gradients_of_motion_against_tool_match_differences() {
         by.extend(super::contact_tests::tool_parameters());
         // A sphere has no derivative by its rotation.
         by.pop();
+        let by: Vec<_> = by.into_iter().step_by(thinning(kind, 1)).collect();
         case.check_motion(&of, &by);
+    }
+}
+
+/// Returns the stride over the parameters that are checked: `step` for the implicit scheme, three
+/// times as much for the others, whose contact is the same.
+fn thinning(kind: SolverKind, step: usize) -> usize {
+    if kind == SolverKind::Implicit {
+        step
+    } else {
+        3 * step
     }
 }
 
@@ -244,7 +253,7 @@ fn gradients_of_motion_against_driven_tool_match_differences() {
         // A sphere has no derivative by its rotation.
         by.pop();
         by.extend([shift_of_path(&case), FRICTION]);
-        by.extend(of_body(&case).into_iter().step_by(4));
+        by.extend(of_body(&case).into_iter().step_by(thinning(kind, 4)));
         case.check_motion(&of, &by);
     }
 }
