@@ -13,6 +13,7 @@ mod edge_middles;
 mod field;
 mod finer_space;
 mod frame;
+mod fringe;
 mod group_by;
 mod length_unit;
 mod merge;
@@ -67,7 +68,7 @@ pub(crate) use quadratic_shape::{QUADRATURE, QUADRATURE_POINTS, quadrature_point
 pub(crate) use quality::DIHEDRAL_BINS;
 pub use quality::{QualityReport, TetQuality};
 pub use repair::RepairReport;
-pub(crate) use smooth_regions::{SharesAt, SmoothRegions};
+pub(crate) use smooth_regions::{LabelShares, SmoothRegions};
 pub(crate) use sorted_list::replace_sorted;
 pub use surface_report::SurfaceDescription;
 pub use topology::{BoundaryFace, FACES, NO_NEIGHBOUR, TET_EDGES, Topology};

@@ -3,7 +3,7 @@
 
 use super::finer_space::FinerSpace;
 use super::region_shares::{Shares, add, blend, largest, normalise, share_of, tet_shares};
-use super::{ElementOrder, FACES, Field, Location, TET_EDGES, TetMesh};
+use super::{ElementOrder, FACES, Field, Location, TET_EDGES, TetMesh, signed_volume};
 use crate::{Result, parallel};
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -26,11 +26,18 @@ const NEAREST: f64 = 0.04;
 /// Largest number of tets after the division of those at boundaries.
 const MAX_TETS: usize = 3_000_000;
 
-/// Returns the shares of labels around a point of the body at rest, within about a distance.
-pub(crate) type SharesAt<'a> = &'a (dyn Fn(DVec3, f64) -> Vec<(i64, f64)> + Sync);
+/// A volume of labels around a body at rest.
+#[derive(Clone, Copy)]
+pub(crate) struct LabelShares<'a> {
+    /// Returns the shares of labels around a point, within about a distance. What is missing of their sum
+    /// of 1 is outside of the volume.
+    pub shares: &'a (dyn Fn(DVec3, f64) -> Vec<(i64, f64)> + Sync),
+    /// Distance of its voxels, in the unit of the mesh.
+    pub voxel: f64,
+}
 
 /// Nodes that carry a point, and their weights, of sum 1.
-type Carriers = ([u32; 4], [f64; 4]);
+pub(super) type Carriers = ([u32; 4], [f64; 4]);
 
 /// A mesh that is drawn in place of another.
 pub(crate) struct SmoothRegions {
@@ -62,16 +69,17 @@ impl SmoothRegions {
 
 impl TetMesh {
     /// Returns this mesh, at rest, with boundaries of the regions of `field` (whole numbers in the tets)
-    /// that do not follow its faces. The shares of the regions are `of_volume` where a label volume is
-    /// known, and then tets at boundaries are divided into eight first; otherwise they are the shares of
-    /// the solid angle at the nodes, smoothed.
+    /// that do not follow its faces. The shares of the regions are those of `volume` where a label volume
+    /// is known; then tets at boundaries are divided into eight first, and what the mesh leaves out of
+    /// the volume at its own boundary is added. Otherwise they are the shares of the solid angle at the
+    /// nodes, smoothed.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if the divided mesh would have too many nodes.
     pub(crate) fn with_smooth_regions(
         &self,
         field: &Field,
-        of_volume: Option<SharesAt>,
+        volume: Option<LabelShares>,
     ) -> Result<SmoothRegions> {
         let mut values: Vec<i64> = field.values.iter().map(|v| *v as i64).collect();
         let labels = values.clone();
@@ -92,16 +100,17 @@ impl TetMesh {
             mesh: plain,
             field: field.name.clone(),
         };
-        match of_volume {
-            Some(of_volume) => {
+        match volume {
+            Some(volume) => {
                 // Also where the tets miss a layer that is thinner than they are.
-                drawn.take_shares(of_volume, &values);
+                drawn.take_shares(&volume, &values);
                 let mixed = drawn.mixed_tets();
                 let many = 8 * mixed.iter().filter(|m| **m).count() + mixed.len() > MAX_TETS;
                 if !many {
                     drawn.divide(&mixed, &values)?;
                 }
-                drawn.take_shares(of_volume, &values);
+                drawn.add_fringe(&volume, &values);
+                drawn.take_shares(&volume, &values);
             }
             None => {
                 (0..ROUNDS).for_each(|_| drawn.smooth());
@@ -118,14 +127,14 @@ impl TetMesh {
 }
 
 /// A mesh in progress.
-struct Divided {
-    mesh: TetMesh,
+pub(super) struct Divided {
+    pub mesh: TetMesh,
     /// Name of the field of the regions.
     field: String,
-    weights: Vec<Carriers>,
+    pub weights: Vec<Carriers>,
     /// Region of each tet, by number.
-    regions: Vec<u32>,
-    shares: Vec<Shares>,
+    pub regions: Vec<u32>,
+    pub shares: Vec<Shares>,
 }
 
 impl Divided {
@@ -148,10 +157,8 @@ impl Divided {
         let finer = FinerSpace::locally(&self.mesh, chosen)?;
         let middles = finer.edges_of_middles();
         for [a, b] in &middles {
-            let mixed = mix(
-                (&self.weights[*a as usize], &self.weights[*b as usize]),
-                0.5,
-            );
+            let [from, to] = [a, b].map(|v| self.mesh.nodes[*v as usize]);
+            let mixed = self.carry(&[(*a, 0.5), (*b, 0.5)], from.midpoint(to));
             self.weights.push(mixed);
             let both = [*a, *b].map(|v| self.shares[v as usize].clone());
             self.shares.push(blend((&both[0], &both[1]), 0.5));
@@ -165,8 +172,8 @@ impl Divided {
         Ok(())
     }
 
-    /// Sets the shares at the nodes to those of a label volume, where it has labels of the mesh.
-    fn take_shares(&mut self, of_volume: SharesAt, values: &[i64]) {
+    /// Returns the mean length of the edges at each node.
+    pub fn mean_edges(&self) -> Vec<f64> {
         let mut edges = vec![(0.0, 0usize); self.mesh.nodes.len()];
         for [a, b] in self.mesh.edges() {
             let length = self.mesh.nodes[a as usize].distance(self.mesh.nodes[b as usize]);
@@ -175,11 +182,17 @@ impl Divided {
                 edges[v as usize].1 += 1;
             }
         }
+        let mean = |(sum, count): &(f64, usize)| sum / *count.max(&1) as f64;
+        edges.iter().map(mean).collect()
+    }
+
+    /// Sets the shares at the nodes to those of a label volume, where it has labels of the mesh.
+    fn take_shares(&mut self, volume: &LabelShares, values: &[i64]) {
+        let edges = self.mean_edges();
         self.shares = parallel::map(self.mesh.nodes.len(), |v| {
             let own = &self.shares[v];
-            let (sum, count) = edges[v];
             let mut shares = Shares::new();
-            for (label, share) in of_volume(self.mesh.nodes[v], sum / count.max(1) as f64) {
+            for (label, share) in (volume.shares)(self.mesh.nodes[v], edges[v]) {
                 if let Ok(region) = values.binary_search(&label) {
                     add(&mut shares, region as u32, share);
                 }
@@ -411,8 +424,8 @@ impl Divided {
             0.5
         };
         let at = at.clamp(NEAREST, 1.0 - NEAREST);
-        let mixed = mix((&self.weights[a as usize], &self.weights[b as usize]), at);
         let place = self.mesh.nodes[a as usize].lerp(self.mesh.nodes[b as usize], at);
+        let mixed = self.carry(&[(a, 1.0 - at), (b, at)], place);
         let point = self.push(place, mixed);
         places.insert(key, point);
         point
@@ -420,28 +433,46 @@ impl Divided {
 
     /// Adds the mean of some nodes.
     fn centre(&mut self, points: &[u32]) -> u32 {
-        let mut place = self.mesh.nodes[points[0] as usize];
-        let mut carried = self.weights[points[0] as usize];
-        for (k, v) in points.iter().enumerate().skip(1) {
-            let share = 1.0 / (k as f64 + 1.0);
-            place = place.lerp(self.mesh.nodes[*v as usize], share);
-            carried = mix((&carried, &self.weights[*v as usize]), share);
-        }
+        let share = 1.0 / points.len() as f64;
+        let all = points.iter().map(|v| self.mesh.nodes[*v as usize]);
+        let place = share * all.sum::<DVec3>();
+        let of: Vec<(u32, f64)> = points.iter().map(|v| (*v, share)).collect();
+        let carried = self.carry(&of, place);
         self.push(place, carried)
     }
 
-    fn push(&mut self, place: DVec3, weights: Carriers) -> u32 {
+    /// Returns what carries the weighted mean of some nodes at a place: what carries these or, if that is
+    /// more than one tet's nodes, the tet that carries one of them.
+    fn carry(&self, of: &[(u32, f64)], place: DVec3) -> Carriers {
+        let all: Vec<(&Carriers, f64)> = of
+            .iter()
+            .map(|(v, share)| (&self.weights[*v as usize], *share))
+            .collect();
+        if let Some(mixed) = mix_all(&all) {
+            return mixed;
+        }
+        let is_tet = |nodes: &[u32; 4]| (0..4).all(|k| !nodes[..k].contains(&nodes[k]));
+        let tet = all.iter().map(|(own, _)| own.0).find(is_tet);
+        let nodes = tet.unwrap_or(all[0].0.0);
+        (
+            nodes,
+            barycentric(nodes.map(|v| self.mesh.nodes[v as usize]), place),
+        )
+    }
+
+    pub fn push(&mut self, place: DVec3, weights: Carriers) -> u32 {
         self.mesh.nodes.push(place);
         self.weights.push(weights);
         self.mesh.nodes.len() as u32 - 1
     }
 }
 
-/// Returns `(1 − share) a + share b` of two nodes carried by at most four nodes together.
-fn mix((a, b): (&Carriers, &Carriers), share: f64) -> Carriers {
+/// Returns the weighted sum of nodes; `None` if more than four nodes carry them together.
+pub(super) fn mix_all(of: &[(&Carriers, f64)]) -> Option<Carriers> {
     let mut found: Vec<(u32, f64)> = Vec::with_capacity(8);
-    for ((nodes, weights), factor) in [(a, 1.0 - share), (b, share)] {
-        for (v, w) in nodes.iter().zip(weights).filter(|(_, w)| **w != 0.0) {
+    for ((nodes, weights), factor) in of {
+        // Also those of weight 0, so that a node above the mesh keeps its tet.
+        for (v, w) in nodes.iter().zip(weights) {
             match found.iter_mut().find(|own| own.0 == *v) {
                 Some(own) => own.1 += factor * w,
                 None => found.push((*v, factor * w)),
@@ -450,7 +481,18 @@ fn mix((a, b): (&Carriers, &Carriers), share: f64) -> Carriers {
     }
     let first = found.first().map_or(0, |own| own.0);
     let at = |k: usize| found.get(k).copied().unwrap_or((first, 0.0));
-    ([0, 1, 2, 3].map(|k| at(k).0), [0, 1, 2, 3].map(|k| at(k).1))
+    let carriers = ([0, 1, 2, 3].map(|k| at(k).0), [0, 1, 2, 3].map(|k| at(k).1));
+    (found.len() <= 4).then_some(carriers)
+}
+
+/// Returns the barycentric coordinates of a point by a tet.
+pub(super) fn barycentric(x: [DVec3; 4], p: DVec3) -> [f64; 4] {
+    let all = signed_volume(x);
+    [0, 1, 2, 3].map(|k| {
+        let mut corners = x;
+        corners[k] = p;
+        signed_volume(corners) / all
+    })
 }
 
 #[cfg(test)]
@@ -527,20 +569,40 @@ mod tests {
         assert!(after < 0.6 * before, "{before} {after}");
     }
 
+    /// A label volume that is as large as the box.
+    fn volume(shares: &(dyn Fn(DVec3, f64) -> Vec<(i64, f64)> + Sync)) -> LabelShares<'_> {
+        LabelShares {
+            shares,
+            voxel: 0.02,
+        }
+    }
+
+    fn is_in_box(p: DVec3) -> bool {
+        let high = DVec3::new(1.0, 0.6, 0.6);
+        p.cmpge(DVec3::splat(-1e-9)).all() && p.cmple(high + 1e-9).all()
+    }
+
     #[test]
     fn boundaries_from_a_volume_follow_it() {
         let (mesh, field) = halves();
         let of_volume = |p: DVec3, edge: f64| {
             let share = (0.5 + 0.5 * distance(p) / edge).clamp(0.0, 1.0);
-            vec![(3, 1.0 - share), (7, share), (99, 0.2)]
+            match is_in_box(p) {
+                true => vec![(3, 0.8 - 0.8 * share), (7, 0.8 * share), (99, 0.2)],
+                false => vec![],
+            }
         };
-        let drawn = mesh.with_smooth_regions(&field, Some(&of_volume)).unwrap();
+        let drawn = mesh
+            .with_smooth_regions(&field, Some(volume(&of_volume)))
+            .unwrap();
         check(&drawn, &mesh);
         let [before, after] = [roughness(&mesh), roughness(&drawn.mesh)];
         assert!(after < 0.25 * before, "{before} {after}");
         // A volume without labels of the mesh leaves the boundary where its nodes are.
         let nothing = |_: DVec3, _: f64| vec![(99, 1.0)];
-        let unknown = mesh.with_smooth_regions(&field, Some(&nothing)).unwrap();
+        let unknown = mesh
+            .with_smooth_regions(&field, Some(volume(&nothing)))
+            .unwrap();
         check(&unknown, &mesh);
         assert!(roughness(&unknown.mesh) > 2.0 * after);
     }
@@ -552,8 +614,8 @@ mod tests {
         field.values.fill(3.0);
         field.values[170] = 7.0;
         mesh.set_field(field.clone()).unwrap();
-        let nothing = |_: DVec3, _: f64| vec![(3i64, 1.0)];
-        for of_volume in [None, Some(&nothing as SharesAt)] {
+        let nothing = |p: DVec3, _: f64| vec![(3i64, f64::from(u8::from(is_in_box(p))))];
+        for of_volume in [None, Some(volume(&nothing))] {
             let drawn = mesh.with_smooth_regions(&field, of_volume).unwrap();
             check(&drawn, &mesh);
             let labels = &drawn.mesh.field("label", Location::Cell).unwrap().values;

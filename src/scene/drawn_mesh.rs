@@ -7,7 +7,7 @@ use crate::Result;
 use crate::cage::Embedding;
 use crate::gpu::{Gpu, Recorder};
 use crate::io::{self, Kind};
-use crate::mesh::{BarycentricMap, SmoothRegions, TetMesh, Topology};
+use crate::mesh::{BarycentricMap, LabelShares, SmoothRegions, TetMesh, Topology};
 use crate::physics::{BodyField, NodePositions};
 use crate::render::{Geometry, Mode, Scalars};
 use crate::volume::Volume;
@@ -102,21 +102,21 @@ impl Scene {
         let Some(field) = field else {
             return Ok(None);
         };
-        let volume = self.label_volume(mesh)?;
-        let of_volume = volume.as_ref().map(|(volume, units_per_mm)| {
-            let to_voxels = volume.to_world.inverse();
-            move |p: DVec3, edge: f64| {
-                let step = SAMPLE_DISTANCE * edge;
-                label_shares(
-                    volume,
-                    |q| to_voxels.transform_point3(q / *units_per_mm),
-                    p,
-                    step,
-                )
-            }
-        });
-        let of_volume = of_volume.as_ref().map(|f| f as crate::mesh::SharesAt);
-        mesh.with_smooth_regions(field, of_volume).map(Some)
+        let Some((volume, units_per_mm)) = self.label_volume(mesh)? else {
+            return mesh.with_smooth_regions(field, None).map(Some);
+        };
+        let to_voxels = volume.to_world.inverse();
+        let to_voxels = |q: DVec3| to_voxels.transform_point3(q / units_per_mm);
+        let shares =
+            |p: DVec3, edge: f64| label_shares(&volume, to_voxels, p, SAMPLE_DISTANCE * edge);
+        let axes = volume.to_world.matrix3;
+        let axes = [axes.x_axis, axes.y_axis, axes.z_axis];
+        let sides = axes.map(|axis| axis.length() * units_per_mm);
+        let volume = LabelShares {
+            shares: &shares,
+            voxel: sides.into_iter().fold(f64::INFINITY, f64::min),
+        };
+        mesh.with_smooth_regions(field, Some(volume)).map(Some)
     }
 
     /// Returns the label volume that the mesh was made from, and mesh units per mm; `None` for other
@@ -136,7 +136,7 @@ impl Scene {
 }
 
 /// Returns the mean shares of the labels of `volume` at 27 points around `p`, `step` apart: each is
-/// interpolated between the voxels.
+/// interpolated between the voxels, and beyond the volume is none.
 fn label_shares(
     volume: &Volume,
     to_voxels: impl Fn(DVec3) -> DVec3,
@@ -168,8 +168,8 @@ fn label_shares(
                 + volume.size[0] * (at[1] as usize + volume.size[1] * at[2] as usize);
             let label = volume.value(n) as i64;
             match shares.iter_mut().find(|s| s.0 == label) {
-                Some(own) => own.1 += weight,
-                None => shares.push((label, weight)),
+                Some(own) => own.1 += weight / 27.0,
+                None => shares.push((label, weight / 27.0)),
             }
         }
     }

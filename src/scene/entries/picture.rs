@@ -192,9 +192,9 @@ pub struct PictureEntry {
     #[cfg_attr(feature = "cli", schemars(extend("default" = 0.001, "exclusiveMinimum" = 0.0, "examples" = [0.0005])))]
     pub accuracy: Option<f64>,
     /// Boundaries between regions in modes `composite` and `surface`: `smooth` (default; interpolated
-    /// within the tets, from the label volume that the mesh was made from where there is one), or
-    /// `tets`, along their faces. Bodies of more than 150,000 tets, in pieces or that are cut have the
-    /// latter.
+    /// within the tets, from the label volume that the mesh was made from where there is one, with the
+    /// layers that the mesh leaves out at its surface), or `tets`, along their faces. Bodies of more than
+    /// 150,000 tets, in pieces or that are cut have the latter.
     #[serde(default, deserialize_with = "keywords::boundaries")]
     pub boundaries: Option<String>,
     /// Bits per channel of a PNG: 8 or 16.
