@@ -35,3 +35,4 @@ pub use map::Map;
 pub use pick::SkinPick;
 pub use report::SkinReport;
 pub use vertices::Vertices;
+pub(crate) use walls::PendingWalls;

@@ -206,6 +206,7 @@ impl App {
                 .and_then(|s| s.stage().motion()?.progress())
                 .map_or(0, |p| p.last.iterations),
             pictures: self.screen.pictures,
+            light_path_samples: self.screen.path_samples(),
             tets: show.map_or(0, |s| s.stage().mesh().tets.len()),
             camera: [camera.eye.to_array(), camera.look_at.to_array()],
             force_n: show.and_then(BodySession::force),

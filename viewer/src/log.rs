@@ -34,6 +34,8 @@ pub struct Frame {
     pub iterations: u32,
     /// Number of pictures rendered.
     pub pictures: u64,
+    /// Samples per pixel of the light paths shown.
+    pub light_path_samples: Option<u32>,
     /// Number of tets.
     pub tets: usize,
     /// Eye and focus, in file units.

@@ -38,8 +38,9 @@ pub struct Screen {
     moved: Option<Instant>,
     /// The picture by light paths that sets in at rest, if the scene has one.
     paths: Option<Paths>,
-    /// Whether it could not be started.
+    /// Whether it could not be started, and whether it was asked for since the last motion.
     paths_failed: bool,
+    paths_asked: bool,
     /// Index of the resolution scale used during motion.
     coarse: usize,
     /// The last submitted picture: time and pixels, and the measured time per million pixels.
@@ -124,7 +125,7 @@ impl Screen {
             }
             return self.draw_paths(state, show, size);
         }
-        (self.paths, self.paths_failed) = (None, false);
+        (self.paths, self.paths_failed, self.paths_asked) = (None, false, false);
         let view = self.target(state, size);
         let mut work = gpu.start_recording();
         show.record(&mut work, camera, (&view, backdrop))?;
@@ -146,18 +147,22 @@ impl Screen {
             return Ok(false);
         };
         if self.paths.is_none() {
-            // In a browser, surfaces of skins and tools cannot be read back at once.
-            let wanted = show.stage().draws_paths() && !cfg!(target_arch = "wasm32");
+            let wanted = show.stage().draws_paths();
             if !wanted || self.paths_failed || show.is_going() {
                 return Ok(false);
             }
             self.paths_failed = true;
+            let picture = show.start_paths(size, !self.paths_asked)?;
+            (self.paths_failed, self.paths_asked) = (false, true);
+            // Surfaces are read back, which a browser cannot wait for.
+            let Some(picture) = picture else {
+                return Ok(true);
+            };
             self.paths = Some(Paths {
-                picture: show.start_paths(size)?,
+                picture,
                 tiles: FIRST_TILES,
                 sent: Arc::default(),
             });
-            self.paths_failed = false;
         }
         let Some(paths) = self.paths.as_mut().filter(|p| !p.picture.is_done()) else {
             return Ok(false);

@@ -133,6 +133,7 @@ impl Stage {
             cached: None,
             path_report: None,
             path_tracer: None,
+            starting_paths: None,
             pictures: [0; 2],
             depth: None,
             notes,

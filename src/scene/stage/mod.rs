@@ -48,7 +48,7 @@ use crate::mesh::TetMesh;
 use crate::render::PathTracer;
 use crate::skin::Skin;
 use drawing::CachedFrame;
-use paths::PathReport;
+use paths::{PathReport, StartingPaths};
 
 /// A scene ready to be simulated and rendered.
 pub struct Stage {
@@ -69,6 +69,8 @@ pub struct Stage {
     path_report: Option<PathReport>,
     /// The picture by light paths that [`Stage::refine_paths`] goes on with.
     path_tracer: Option<PathTracer>,
+    /// The picture by light paths that [`Stage::start_paths`] is asked for.
+    starting_paths: Option<StartingPaths>,
     /// Number of pictures rendered, and number taken from the cache.
     pub(super) pictures: [u64; 2],
     pub(super) depth: Option<wgpu::TextureView>,

@@ -3,6 +3,7 @@
 use super::Stage;
 use crate::progress::ProgressFn;
 use crate::render::{Image, PathOptions, ProgressivePaths, Wall};
+use crate::skin::{PendingWalls, Skin};
 use crate::{Error, Result};
 
 /// How a picture by light paths came about.
@@ -14,6 +15,19 @@ pub(super) struct PathReport {
     pub lost: u32,
 }
 
+/// A picture by light paths whose surfaces are being read back.
+pub(super) struct StartingPaths {
+    options: PathOptions,
+    pending: Vec<PendingWalls>,
+    /// Those that have arrived.
+    walls: Vec<Wall>,
+}
+
+fn wait_for(pending: Vec<PendingWalls>) -> Result<Vec<Wall>> {
+    let each: Result<Vec<_>> = pending.into_iter().map(PendingWalls::wait).collect();
+    Ok(each?.concat())
+}
+
 impl Stage {
     /// Draws the picture by light paths: as shown, and linear.
     pub(super) fn draw_paths(
@@ -21,7 +35,7 @@ impl Stage {
         options: &PathOptions,
         progress: ProgressFn,
     ) -> Result<[Image; 2]> {
-        let walls = self.walls()?;
+        let walls = wait_for(self.pending_walls()?)?;
         let (camera, size) = (self.looks.camera, self.looks.size);
         let mut paths = self
             .looks
@@ -50,7 +64,8 @@ impl Stage {
         let mut tracer = match self.path_tracer.take().filter(|_| !fresh) {
             Some(tracer) => tracer,
             None => {
-                let (options, walls) = self.prepare_paths()?;
+                let (options, pending) = self.prepare_paths()?;
+                let walls = wait_for(pending)?;
                 let (camera, size) = (self.looks.camera, self.looks.size);
                 let with = (&options, walls.as_slice());
                 self.looks.raycaster.start_paths(&camera, size, with)?
@@ -79,38 +94,59 @@ impl Stage {
         drawn
     }
 
-    /// Updates what paths see to the present state. Returns their options, and the surfaces.
-    fn prepare_paths(&mut self) -> Result<(PathOptions, Vec<Wall>)> {
+    /// Updates what paths see to the present state. Returns their options, and the surfaces on their way.
+    fn prepare_paths(&mut self) -> Result<(PathOptions, Vec<PendingWalls>)> {
         let options = self.looks.paths.clone().ok_or_else(|| {
             Error::Input("the scene has no light paths; set `model = \"path\"` in [light]".into())
         })?;
         self.publish_now()?;
         self.follow_tools()?;
         self.refresh_field()?;
-        Ok((options, self.walls()?))
+        Ok((options, self.pending_walls()?))
     }
 
-    /// Returns the surfaces of skins and tools.
-    fn walls(&self) -> Result<Vec<Wall>> {
+    /// Starts to read back the surfaces of skins and tools.
+    fn pending_walls(&self) -> Result<Vec<PendingWalls>> {
         let tools = self.looks.tools.iter().map(|tool| &tool.skin);
-        let mut walls = Vec::new();
-        for skin in self.looks.skins.iter().chain(tools) {
-            walls.extend(skin.walls()?);
-        }
-        Ok(walls)
+        let skins = self.looks.skins.iter().chain(tools);
+        skins.map(Skin::walls).collect()
     }
 
     /// Starts a picture by light paths of `size` pixels, of the present state, over the backdrop, that a
-    /// window draws over its frames; it remains that state.
+    /// window draws over its frames; it remains that state. Does not block: returns `None` while surfaces
+    /// of skins and tools are read back; call again, and not `fresh`, until the picture is there.
     ///
     /// # Errors
     /// [`Error::Input`] for a scene without light paths; otherwise as [`Stage::image`].
-    pub fn start_paths(&mut self, size: [u32; 2]) -> Result<ProgressivePaths> {
-        let (options, walls) = self.prepare_paths()?;
+    pub fn start_paths(&mut self, size: [u32; 2], fresh: bool) -> Result<Option<ProgressivePaths>> {
+        let started = self.starting_paths.take().filter(|_| !fresh);
+        let mut starting = match started {
+            Some(starting) => starting,
+            None => {
+                let (options, pending) = self.prepare_paths()?;
+                StartingPaths {
+                    options,
+                    pending,
+                    walls: Vec::new(),
+                }
+            }
+        };
+        while let Some(next) = starting.pending.first_mut() {
+            match next.try_take()? {
+                Some(walls) => starting.walls.extend(walls),
+                None => {
+                    self.starting_paths = Some(starting);
+                    return Ok(None);
+                }
+            }
+            starting.pending.remove(0);
+        }
         let (camera, over) = (self.looks.camera, (size, self.backdrop));
-        self.looks
-            .raycaster
-            .start_progressive_paths(&camera, over, (&options, &walls))
+        let with = (&starting.options, starting.walls.as_slice());
+        let raycaster = &mut self.looks.raycaster;
+        raycaster
+            .start_progressive_paths(&camera, over, with)
+            .map(Some)
     }
 
     /// Whether the picture is drawn by light paths, which takes its time.

@@ -11,12 +11,7 @@ use std::sync::Arc;
 use web_time::Instant;
 
 /// Note for a scene with light paths.
-const LIGHT_PATHS: &str = match cfg!(target_arch = "wasm32") {
-    true => {
-        "a page shows local light; the window and palpate render draw the light paths of this scene"
-    }
-    false => "the light is local while something moves; at rest, light paths set in",
-};
+const LIGHT_PATHS: &str = "the light is local while something moves; at rest, light paths set in";
 
 impl BodySession {
     /// Creates the session of `scene` with `mesh`, with a finger of `radius` or of a default

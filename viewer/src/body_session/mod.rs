@@ -140,12 +140,13 @@ impl BodySession {
         self.stage.record(work, colour)
     }
 
-    /// Starts the picture by light paths of the last recorded view, with `size` pixels.
+    /// Starts the picture by light paths of the last recorded view, with `size` pixels; `None` while its
+    /// surfaces are read back, as [`Stage::start_paths`].
     ///
     /// # Errors
     /// The errors of [`Stage::start_paths`].
-    pub fn start_paths(&mut self, size: [u32; 2]) -> Result<ProgressivePaths> {
-        self.stage.start_paths(size)
+    pub fn start_paths(&mut self, size: [u32; 2], fresh: bool) -> Result<Option<ProgressivePaths>> {
+        self.stage.start_paths(size, fresh)
     }
 
     /// Creates the rendering pipelines, so that the first picture is not delayed.

@@ -19,6 +19,8 @@ export interface State {
   /** Iterations of the last step's linear solve. */
   iterations: number;
   pictures: number;
+  /** Samples per pixel of the light paths that are shown; null for a picture in local light. */
+  light_path_samples: number | null;
   /** Simulated time, s. */
   time_s: number;
   playing: boolean;

@@ -190,6 +190,29 @@ async function files() {
   await view.page.close();
 }
 
+/** At rest, light paths set in over the local light, with the surface of a tool; motion ends them. */
+async function paths() {
+  const view = await Page.open(browser, `${at}/`);
+  const scene = (light) => `[mesh]\nfile = "ball.vtu"\n[picture]\ntransfer = "tissue"\n${light}` +
+    "[[tool]]\nsphere = { radius = 0.3 }\nat = [0.0, 0.0, 1.3]\n";
+  const open = async (light) => {
+    await view.drop([["ball.vtu", file("ball.vtu")], ["ball.toml", scene(light)]]);
+    await view.wait("the scene", (state) => state.name === "ball.toml" && !state.loading && state.pictures > 0);
+  };
+  await open("");
+  await view.rest();
+  const local = await view.shot("local");
+  await open('[light]\nmodel = "path"\nsamples = 3\n');
+  await view.wait("light paths", (state) => state.light_path_samples === 3);
+  const lit = await view.shot("paths");
+  check(apart(local, lit) > OTHER, "light paths must change the picture");
+  await view.hold([400, 400], [520, 340]);
+  await view.letGo();
+  await view.wait("light paths after a motion", (state) => state.light_path_samples === 3);
+  check(apart(lit, await view.shot("orbited")) > OTHER, "light paths must follow the camera");
+  await view.page.close();
+}
+
 /** Repeated presses and camera changes through the element need no more memory than the first ones. */
 async function use() {
   const view = await Page.open(browser, `${at}/?example=limb`);
@@ -306,7 +329,7 @@ async function without() {
   }
 }
 
-const PARTS = { session, files, use, phone, lost, ended, without };
+const PARTS = { session, files, paths, use, phone, lost, ended, without };
 const wanted = process.argv.slice(2);
 try {
   browser = await launch();
