@@ -23,6 +23,8 @@ mod sampling;
 #[cfg(test)]
 mod section_tests;
 #[cfg(test)]
+mod sweep;
+#[cfg(test)]
 mod tests;
 mod tone;
 mod walls;

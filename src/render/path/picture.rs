@@ -15,6 +15,9 @@ pub(crate) struct PathPicture {
     lost: u32,
     noise: f64,
     exposure: f64,
+    /// Variance of the mean luminance of each pixel, before filtering.
+    #[cfg(test)]
+    pub variances: Vec<f32>,
 }
 
 impl PathPicture {
@@ -43,6 +46,8 @@ impl PathPicture {
             lost,
             noise,
             exposure: options.exposure,
+            #[cfg(test)]
+            variances,
         }
     }
 

@@ -47,6 +47,8 @@ pub(super) struct ReferencePaths<'a> {
     pub anisotropy: f64,
     pub albedo: SpecularAlbedo,
     pub random: Random,
+    /// Events of all paths so far.
+    pub events: u64,
 }
 
 /// What a path scatters at.
@@ -121,6 +123,7 @@ impl ReferencePaths<'_> {
                 break;
             };
             events += 1;
+            self.events += 1;
             x = event.place;
             let normal = match event.normal.dot(d) > 0.0 {
                 true => -event.normal,
