@@ -1,19 +1,27 @@
 #!/usr/bin/env python3
 """Compares light paths with the volumetric path tracer of Mitsuba 3, for docs/validation/mitsuba.md.
 
-    python3 -m venv mi && mi/bin/pip install mitsuba pillow
-    mi/bin/python scripts/compare_mitsuba.py FOLDER [SAMPLES] [PALPATE]
+    python3 -m venv mi && mi/bin/pip install mitsuba pillow matplotlib
+    mi/bin/python scripts/compare_mitsuba.py FOLDER [SAMPLES] [PALPATE]          means and noise
+    mi/bin/python scripts/compare_mitsuba.py FOLDER noise [PALPATE]              time to equal noise
+    mi/bin/python scripts/compare_mitsuba.py FOLDER bent [PALPATE]               pictures side by side
 
 Both draw the head of data/head_ct.mha at rest, without surfaces and under white light from all sides:
 Palpate in a box of tetrahedra around the scan, Mitsuba's volpath in a grid of extinctions and albedos,
 three times as fine as the scan, since transfer functions are applied after interpolation. Writes
 mitsuba.png, with Palpate at the left, and prints the means of the body's pixels, their standard errors, and
 the noise of the pixels' differences in units of their standard errors.
+
+`noise` measures seconds and noise at several numbers of samples and writes mitsuba-noise.csv and .svg.
+`bent` draws the head of data/scenes/head_ct.toml with its cheek pressed by the head light and by light paths,
+and the scan at rest by Mitsuba, and writes light-paths.png.
 """
+import csv
 import json
 import re
 import subprocess
 import sys
+import time
 import zlib
 from pathlib import Path
 
@@ -35,6 +43,9 @@ TRANSFER = {
 SEEDS = 4
 # Points of the grid per voxel of the scan, along each axis.
 FINER = 3
+# Samples per pixel at which time and noise are measured, and the size of those pictures.
+STEPS = [1, 4, 16, 64]
+NOISE_SIZE = (256, 320)
 
 
 def read_scan():
@@ -82,7 +93,7 @@ def write_box(path, low, high, cells=12):
         out.write("End\n")
 
 
-def draw_palpate(folder, program, samples, seed):
+def draw_palpate(folder, program, samples, seed, size=SIZE):
     numbers = lambda v: ", ".join(str(x) for x in v)
     (folder / "transfer.json").write_text(json.dumps(TRANSFER))
     (folder / "mitsuba.toml").write_text(
@@ -91,18 +102,19 @@ def draw_palpate(folder, program, samples, seed):
         f'light = {{ model = "path", from = "none", environment = "white", samples = {samples}, '
         f"seed = {seed}, extinction = {EXTINCTION} }}\n"
         f"camera = {{ eye = [{numbers(EYE)}], look_at = [{numbers(LOOK_AT)}], up = [{numbers(UP)}], fov = {FOV} }}\n"
-        f"picture = {{ size = [{numbers(SIZE)}] }}\n"
+        f"picture = {{ size = [{numbers(size)}] }}\n"
     )
     out = folder / "palpate.exr"
     subprocess.run([program, "render", folder / "mitsuba.toml", "-q", "-o", out], check=True)
     return np.array(mi.Bitmap(str(out)).convert(mi.Bitmap.PixelFormat.RGBA, mi.Struct.Type.Float32, False))
 
 
-def mitsuba_scene(values, low, high):
+def mitsuba_scene(values, low, high, size=SIZE, transfer=TRANSFER, camera=(EYE, LOOK_AT, UP, FOV)):
     s = finer(values)
+    eye, look_at, up, fov = camera
     table = lambda points, k: np.interp(s, [p[0] for p in points], [p[k] for p in points])
-    sigma = EXTINCTION * table(TRANSFER["extinction"], 1)
-    colour = np.stack([table(TRANSFER["colour"], k) for k in (1, 2, 3)], -1)
+    sigma = EXTINCTION * table(transfer["extinction"], 1)
+    colour = np.stack([table(transfer["colour"], k) for k in (1, 2, 3)], -1)
     albedo = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
     # From the unit cube, whose axes are those of the scan, to RAS.
     place = mi.ScalarTransform4f().scale([-1, -1, 1]).translate(list(low)).scale(list(high - low))
@@ -112,9 +124,9 @@ def mitsuba_scene(values, low, high):
         "type": "scene",
         "integrator": {"type": "volpath", "max_depth": -1, "rr_depth": 8, "hide_emitters": True},
         "sensor": {
-            "type": "perspective", "fov": FOV, "fov_axis": "y",
-            "to_world": mi.ScalarTransform4f().look_at(origin=EYE, target=LOOK_AT, up=UP),
-            "film": {"type": "hdrfilm", "width": SIZE[0], "height": SIZE[1], "pixel_format": "rgba",
+            "type": "perspective", "fov": fov, "fov_axis": "y",
+            "to_world": mi.ScalarTransform4f().look_at(origin=eye, target=look_at, up=up),
+            "film": {"type": "hdrfilm", "width": size[0], "height": size[1], "pixel_format": "rgba",
                      "rfilter": {"type": "box"}},
             "sampler": {"type": "independent"},
         },
@@ -127,17 +139,101 @@ def mitsuba_scene(values, low, high):
     })
 
 
+def noise_of(pictures, body):
+    """Returns the root mean square of the pixels' standard errors, relative to the mean, of one picture."""
+    return np.sqrt(pictures[:, body, :3].var(0, ddof=1).mean()) / pictures[:, body, :3].mean()
+
+
+def measure_noise(folder, program):
+    """Measures the seconds and the noise of pictures; of Palpate's whole run, of Mitsuba's rendering alone."""
+    values, low, high = read_scan()
+    rows = []
+
+    def measure(name, draw):
+        for samples in STEPS:
+            seconds, pictures = [], []
+            for seed in range(2):
+                began = time.perf_counter()
+                pictures.append(draw(samples, seed))
+                seconds.append(time.perf_counter() - began)
+            pictures = np.stack(pictures)
+            body = pictures[..., 3].mean(0) > 0.9
+            rows.append([name, samples, min(seconds), 100 * noise_of(pictures, body)])
+            print("%s: %d samples, %.2f s, noise %.2f %%" % tuple(rows[-1]))
+
+    measure("Palpate", lambda samples, seed: draw_palpate(folder, program, samples, seed, NOISE_SIZE))
+    for variant in ["scalar_rgb", "llvm_ad_rgb"]:
+        try:
+            mi.set_variant(variant)
+            scene = mitsuba_scene(values, low, high, NOISE_SIZE)
+            measure(f"Mitsuba, {variant}", lambda samples, seed: np.array(mi.render(scene, spp=samples, seed=seed)))
+        except (ImportError, RuntimeError) as why:
+            print(f"{variant} is left out: {why}")
+    with open(folder / "mitsuba-noise.csv", "w", newline="") as out:
+        table = csv.writer(out)
+        table.writerow(["program", "samples", "seconds", "noise_percent"])
+        table.writerows([name, n, f"{seconds:.3g}", f"{noise:.3g}"] for name, n, seconds, noise in rows)
+    import matplotlib
+
+    matplotlib.use("svg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6.4, 4))
+    for name in dict.fromkeys(row[0] for row in rows):
+        own = [row for row in rows if row[0] == name]
+        axes.loglog([row[2] for row in own], [row[3] for row in own], "o-", label=name)
+    axes.set_xlabel("seconds")
+    axes.set_ylabel("noise, % of the mean")
+    axes.grid(True, which="both", alpha=0.3)
+    axes.legend()
+    figure.tight_layout()
+    figure.savefig(folder / "mitsuba-noise.svg", metadata={"Date": None})
+
+
+def draw_bent(folder, program):
+    """Draws the bent head by both lights of Palpate, and the scan at rest by Mitsuba."""
+    scene, size = REPOSITORY / "data/scenes/head_ct.toml", (330, 450)
+    panels = []
+    for name, flags in [("head", ["--light", "head"]), ("path", ["--light", "path", "--extinction", str(EXTINCTION)])]:
+        out = folder / f"{name}.png"
+        more = ["--spp", "64", "--denoise"] if name == "path" else []
+        given = ["--size", "%dx%d" % size, "--background", "white", "-q", "-o", out]
+        subprocess.run([program, "render", scene, *flags, *more, *given], check=True)
+        panels.append(Image.open(out).convert("RGB"))
+    mi.set_variant("scalar_rgb")
+    transfer = json.loads((REPOSITORY / "data/head_ct.json").read_text())
+    # Outside the head the scan is air, which the mesh leaves out.
+    transfer["extinction"] = [[0, 0.0], [500, 0.0]] + [[s, e] for s, e in transfer["extinction"] if s > 500]
+    camera = ([110.0, 400.0, -20.0], [0.0, 10.0, -10.0], [0.0, 0.0, 1.0], 35.0)
+    rest = np.array(mi.render(mitsuba_scene(*read_scan(), size, transfer, camera), spp=64))
+    shown = np.clip(rest[..., :3] + 1 - rest[..., 3:], 0, 1) ** (1 / 2.2)
+    panels.append(Image.fromarray((255 * shown).astype(np.uint8)))
+    both = Image.new("RGB", (3 * size[0], size[1]))
+    for k, panel in enumerate(panels):
+        both.paste(panel, (k * size[0], 0))
+    both.save(folder / "light-paths.png")
+
+
 def main():
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    samples = int(sys.argv[2]) if len(sys.argv) > 2 else 64
+    what = sys.argv[2] if len(sys.argv) > 2 else "64"
     program = sys.argv[3] if len(sys.argv) > 3 else REPOSITORY / "target/release/palpate"
     mi.set_variant("scalar_rgb")
     values, low, high = read_scan()
     ends = np.array([[-high[0], -high[1], low[2]], [-low[0], -low[1], high[2]]])
     write_box(folder / "box.mesh", *ends)
+    if what == "noise":
+        return measure_noise(folder, program)
+    if what == "bent":
+        return draw_bent(folder, program)
+    compare(folder, program, int(what), (values, low, high))
+
+
+def compare(folder, program, samples, scan):
+    """Compares means and noise, and writes both pictures."""
     ours = np.stack([draw_palpate(folder, program, samples, seed) for seed in range(SEEDS)])
-    scene = mitsuba_scene(values, low, high)
+    scene = mitsuba_scene(*scan)
     theirs = np.stack([np.array(mi.render(scene, spp=samples, seed=seed)) for seed in range(SEEDS)])
     body = (ours[..., 3].mean(0) > 0.5) & (theirs[..., 3].mean(0) > 0.5)
     print(f"{body.sum()} pixels of the body, {SEEDS} × {samples} samples each")

@@ -35,7 +35,7 @@ fn pipelines_of_scenes_compile_to_spirv() {
     };
     let gpu = gpu().with_settings_of(wgpu::DeviceType::DiscreteGpu);
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scenes");
-    let entries = std::fs::read_dir(folder).unwrap();
+    let entries = std::fs::read_dir(&folder).unwrap();
     let mut files: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
     files.sort();
     let mut failed = Vec::new();
@@ -48,6 +48,10 @@ fn pipelines_of_scenes_compile_to_spirv() {
     for text in box_scenes() {
         let made = Scene::parse(&text).and_then(|scene| prepare(&gpu, scene));
         failed.extend(made.err().map(|e| format!("{e}:\n{text}")));
+    }
+    for scene in path_scenes(&folder) {
+        let made = scene.and_then(|scene| Stage::new(&gpu, &scene)?.start_paths([64, 64], true));
+        failed.extend(made.err().map(|e| format!("light paths: {e}")));
     }
     let pipelines: Vec<Value> = gpu.pipelines_created().iter().map(exported).collect();
     std::fs::write(file, Value::from(pipelines).to_string()).unwrap();
@@ -74,6 +78,19 @@ fn box_scenes() -> Vec<String> {
     scenes.extend(modes.map(|mode| format!("{BOX}[picture]\nmode = \"{mode}\"\n")));
     scenes.push(format!("{BOX}[picture]\ntraversal = \"planes\"\n"));
     scenes
+}
+
+/// Returns scenes with light paths: of each kind of surface, of regions, and of a scan.
+fn path_scenes(folder: &Path) -> Vec<palpate::Result<Scene>> {
+    let planes = "[[plane]]\nclip = [0.05, 0.05, 0.05, 1, 0, 0]\n[[plane]]\nslice = [0.05, 0.05, 0.05, 0, 0, 1]\n";
+    let looks = ["", TOOLS, planes, "[[isosurface]]\nvalue = 0.5\n"];
+    let boxes = looks.map(|look| Scene::parse(&format!("{BOX}[light]\nmodel = \"path\"\n{look}")));
+    let files = ["head_ct.toml", "cheek_scan.toml"].map(|file| {
+        let mut scene = coarsened(&Scene::read(folder.join(file))?);
+        scene.light = Scene::parse("[light]\nmodel = \"path\"\n")?.light;
+        Ok(scene)
+    });
+    boxes.into_iter().chain(files).collect()
 }
 
 /// Creates the pipelines of a scene's steps and of its pictures: as they are, nearly opaque, unlit, with
