@@ -192,24 +192,28 @@ async function files() {
 
 /** At rest, light paths set in over the local light, with the surface of a tool; motion ends them. */
 async function paths() {
-  const view = await Page.open(browser, `${at}/`);
-  const scene = (light) => `[mesh]\nfile = "ball.vtu"\n[picture]\ntransfer = "tissue"\n${light}` +
-    "[[tool]]\nsphere = { radius = 0.3 }\nat = [0.0, 0.0, 1.3]\n";
-  const open = async (light) => {
-    await view.drop([["ball.vtu", file("ball.vtu")], ["ball.toml", scene(light)]]);
-    await view.wait("the scene", (state) => state.name === "ball.toml" && !state.loading && state.pictures > 0);
+  const view = await Page.open(browser, `${at}/?load=data/ball.vtu`);
+  await view.page.setViewport({ width: 600, height: 360 });
+  await view.wait("the mesh", (state) => state.name === "ball.vtu");
+  const scene = (light) => `[mesh]\nfile = "ball.vtu"\n[picture]\ntransfer = "tissue"\n${light}[solver]\n` +
+    'name = "implicit"\ngravity = [0.0, 0.0, 0.0]\n[[pin]]\naxis = "z"\nbelow = 0.1\n' +
+    "[[tool]]\nsphere = { radius = 0.015 }\nat = [0.0, -0.04, 0.05]\n";
+  const open = async (name, light) => {
+    await view.drop([["ball.vtu", file("ball.vtu")], [name, scene(light)]]);
+    const state = await view.wait("the scene", (state) => state.error || (state.name === name && !state.loading));
+    check(!state.error, state.status);
   };
-  await open("");
+  await open("local.toml", "");
   await view.rest();
   const local = await view.shot("local");
-  await open('[light]\nmodel = "path"\nsamples = 3\n');
-  await view.wait("light paths", (state) => state.light_path_samples === 3);
+  await open("paths.toml", '[light]\nmodel = "path"\nsamples = 2\n');
+  await view.wait("light paths", (state) => state.light_path_samples === 2);
   const lit = await view.shot("paths");
   check(apart(local, lit) > OTHER, "light paths must change the picture");
-  await view.hold([400, 400], [520, 340]);
-  await view.letGo();
-  await view.wait("light paths after a motion", (state) => state.light_path_samples === 3);
-  check(apart(lit, await view.shot("orbited")) > OTHER, "light paths must follow the camera");
+  await view.call("camera", { eye: [0.2, -0.1, 0.1], look_at: [0, 0, 0], up: [0, 0, 1], fov: 40 });
+  await view.wait("the local light", (state) => state.light_path_samples === null);
+  await view.wait("light paths after a motion", (state) => state.light_path_samples === 2);
+  check(apart(lit, await view.shot("turned")) > OTHER, "light paths must follow the camera");
   await view.page.close();
 }
 
