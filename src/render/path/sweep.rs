@@ -13,8 +13,8 @@ const SIZE: [u32; 2] = [128, 128];
 const SAMPLES: u32 = 64;
 /// Largest difference of two pictures of other seeds, in standard errors of the pixels around.
 const MOST: f64 = 20.0;
-/// Standard error of pixels around which nothing is lit, relative to the mean light.
-const LEAST: f64 = 0.01;
+/// Paths of a pixel that may see the brightest light where none around it does.
+const LUCKY: f64 = 2.0;
 
 /// Returns the body and the settings of a pair of pictures: all combinations take turns.
 fn pair(number: u32) -> (Body, PathOptions) {
@@ -46,8 +46,8 @@ fn light_of(picture: &PathPicture) -> Vec<f64> {
 }
 
 /// Returns the largest difference of the luminance of two pictures in standard errors of the pixels
-/// around it, which a pixel that is off does not change.
-fn largest_difference(pictures: &[PathPicture; 2], [a, b]: [&[f64]; 2]) -> f64 {
+/// around it, or of its own where it is not off in one of them.
+fn largest_difference(pictures: &[PathPicture; 2], [a, b]: [&[f64]; 2], brightest: f64) -> f64 {
     let [width, height] = SIZE.map(|n| n as usize);
     let variance = |n: usize| {
         pictures
@@ -55,7 +55,7 @@ fn largest_difference(pictures: &[PathPicture; 2], [a, b]: [&[f64]; 2]) -> f64 {
             .map(|p| f64::from(p.variances[n]))
             .sum::<f64>()
     };
-    let floor = LEAST * a.iter().sum::<f64>() / a.len() as f64;
+    let floor = LUCKY * brightest / f64::from(SAMPLES) / MOST;
     let mut most = 0.0f64;
     for n in 0..a.len() {
         let [x, y] = [n % width, n / width];
@@ -68,7 +68,12 @@ fn largest_difference(pictures: &[PathPicture; 2], [a, b]: [&[f64]; 2]) -> f64 {
                 }
             }
         }
-        let error = (sum / count + floor * floor).sqrt();
+        let own = 2.0
+            * pictures
+                .iter()
+                .map(|p| f64::from(p.variances[n]))
+                .fold(f64::MAX, f64::min);
+        let error = ((sum / count).max(own) + floor * floor).sqrt();
         most = most.max((a[n] - b[n]).abs() / error);
     }
     most
@@ -98,14 +103,24 @@ fn no_pixel_is_negative_infinite_or_far_off() {
             assert_eq!(bad, None, "pair {number}");
             assert_eq!(picture.lost(), 0, "pair {number}");
         }
+        let texels = options.environment.map(&camera).unwrap().texels;
+        let brightest = texels
+            .iter()
+            .map(environment::luminance)
+            .fold(0.0, f64::max);
         let [a, mut b] = [0, 1].map(|k| light_of(&pictures[k]));
-        let most = largest_difference(&pictures, [&a, &b]);
+        let mean_most = a.iter().chain(&b).copied().fold(0.0, f64::max);
+        assert!(
+            mean_most <= brightest,
+            "pair {number}: {mean_most} {brightest}"
+        );
+        let most = largest_difference(&pictures, [&a, &b], brightest);
         assert!(most < MOST, "pair {number}: {most} standard errors");
         farthest = farthest.max(most);
         if number == 0 {
             // A pixel that is off is found.
             b[(SIZE[0] * SIZE[1] / 2 + SIZE[0] / 2) as usize] += 10.0;
-            assert!(largest_difference(&pictures, [&a, &b]) > MOST);
+            assert!(largest_difference(&pictures, [&a, &b], brightest) > MOST);
         }
         // From each event a path goes on and looks for light.
         let (_, _, events) = body.traced(&camera, [8, 8], &options, 2);
