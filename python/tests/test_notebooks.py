@@ -25,8 +25,8 @@ SOURCE = (
 )
 
 
-def test_five_notebooks_exist() -> None:
-    assert len(NOTEBOOKS) == 5
+def test_six_notebooks_exist() -> None:
+    assert len(NOTEBOOKS) == 6
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
