@@ -22,6 +22,7 @@ import re
 import subprocess
 import sys
 import time
+import tomllib
 import zlib
 from pathlib import Path
 
@@ -168,18 +169,28 @@ def measure_noise(folder, program):
         table = csv.writer(out)
         table.writerow(["program", "samples", "seconds", "noise_percent"])
         table.writerows([name, n, f"{seconds:.3g}", f"{noise:.3g}"] for name, n, seconds, noise in rows)
+    draw_noise(folder)
+
+
+def draw_noise(folder):
+    """Draws mitsuba-noise.svg from mitsuba-noise.csv."""
     import matplotlib
 
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
 
+    with open(folder / "mitsuba-noise.csv", newline="") as table:
+        rows = list(csv.DictReader(table))
     figure, axes = plt.subplots(figsize=(6.4, 4))
-    for name in dict.fromkeys(row[0] for row in rows):
-        own = [row for row in rows if row[0] == name]
-        axes.loglog([row[2] for row in own], [row[3] for row in own], "o-", label=name)
+    for name in dict.fromkeys(row["program"] for row in rows):
+        own = [row for row in rows if row["program"] == name]
+        axes.loglog(*[[float(row[key]) for row in own] for key in ("seconds", "noise_percent")], "o-", label=name)
+    for axis, ticks in [(axes.xaxis, [0.5, 1, 2, 5, 10, 20]), (axes.yaxis, [20, 30, 50, 70, 100])]:
+        axis.set_ticks(ticks, [str(tick) for tick in ticks])
+        axis.set_ticks([], minor=True)
     axes.set_xlabel("seconds per picture")
     axes.set_ylabel("noise, % of the mean")
-    axes.grid(True, which="both", alpha=0.3)
+    axes.grid(True, alpha=0.3)
     axes.legend()
     figure.tight_layout()
     figure.savefig(folder / "mitsuba-noise.svg", metadata={"Date": None})
@@ -195,11 +206,11 @@ def draw_bent(folder, program):
         given = ["--size", "%dx%d" % size, "--background", "white", "-q", "-o", out]
         subprocess.run([program, "render", scene, *flags, *more, *given], check=True)
         panels.append(Image.open(out).convert("RGB"))
-    mi.set_variant("scalar_rgb")
     transfer = json.loads((REPOSITORY / "data/head_ct.json").read_text())
     # Outside the head the scan is air, which the mesh leaves out.
     transfer["extinction"] = [[0, 0.0], [500, 0.0]] + [[s, e] for s, e in transfer["extinction"] if s > 500]
-    camera = ([110.0, 400.0, -20.0], [0.0, 10.0, -10.0], [0.0, 0.0, 1.0], 35.0)
+    view = tomllib.loads(scene.read_text())["camera"]
+    camera = tuple(view[key] for key in ("eye", "look_at", "up", "fov"))
     rest = np.array(mi.render(mitsuba_scene(*read_scan(), size, transfer, camera), spp=16))
     shown = np.clip(rest[..., :3] + 1 - rest[..., 3:], 0, 1) ** (1 / 2.2)
     panels.append(Image.fromarray((255 * shown).astype(np.uint8)))
@@ -246,4 +257,5 @@ def compare(folder, program, samples, scan):
     image.resize((4 * SIZE[0], 2 * SIZE[1]), Image.Resampling.NEAREST).save(folder / "mitsuba.png")
 
 
-main()
+if __name__ == "__main__":
+    main()

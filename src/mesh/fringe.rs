@@ -85,7 +85,8 @@ impl Divided {
         normals.iter().map(|n| n.normalize_or_zero()).collect()
     }
 
-    /// Returns how far the volume has labels of the mesh above each node of the boundary, m.
+    /// Returns how far the volume has labels of the mesh above each node of the boundary, in the unit of
+    /// the mesh.
     fn heights(
         &self,
         faces: &[Face],

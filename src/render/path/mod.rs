@@ -23,7 +23,7 @@ mod sampling;
 #[cfg(test)]
 mod section_tests;
 #[cfg(test)]
-mod sweep;
+mod sweep_tests;
 #[cfg(test)]
 mod tests;
 mod tone;
