@@ -247,6 +247,23 @@ impl Sections {
         })
     }
 
+    /// Returns the sections of a lit boundary: each clip plane is also a slice, which is its cut face,
+    /// and the volume is not drawn.
+    pub(crate) fn with_cut_faces(mut self) -> Sections {
+        let clips: Vec<Plane> = self.clips().copied().collect();
+        for clip in clips {
+            let face = Plane {
+                kind: PlaneKind::Slice(1.0),
+                ..clip
+            };
+            if !self.planes.contains(&face) {
+                self.planes.push(face);
+            }
+        }
+        self.draw_volume = false;
+        self
+    }
+
     /// Validates the parameters.
     ///
     /// # Errors

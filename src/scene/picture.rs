@@ -123,13 +123,7 @@ impl Scene {
                 }
             }
             DisplayMode::Surface => {
-                let cut: Vec<Plane> = inside.clips().copied().collect();
-                let faces = cut.into_iter().map(|clip| Plane {
-                    kind: PlaneKind::Slice(1.0),
-                    ..clip
-                });
-                inside.planes.extend(faces);
-                inside.draw_volume = false;
+                inside = inside.with_cut_faces();
                 if inside.check().is_err() {
                     return Err(Error::Input(
                         "too many clip planes: in mode surface each one also counts as a slice, for its cut face; use at most 16 (a box has six)"

@@ -3,7 +3,7 @@
 use crate::stages::{positions, stage};
 use glam::DVec3;
 use palpate::physics::StepCallback;
-use palpate::render::{Image, ImageDifference, TransferFunction};
+use palpate::render::{Image, ImageDifference, Plane, Sections, TransferFunction};
 use palpate::scene::{Scene, Stage};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -173,4 +173,29 @@ fn appearance_change_keeps_the_motion() {
     changed.set_transfer(&bone).unwrap();
     assert_ne!(changed.transfer(), own);
     assert!(apart(&changed.image().unwrap(), &plain) > 0.0);
+}
+
+/// A clip plane set on a stage has a cut face in mode `surface`, as one of the scene: the body would
+/// look hollow.
+#[test]
+fn surfaces_have_cut_faces_wherever_planes_come_from() {
+    let scene = "[mesh]\ngenerate = \"box\"\ntets = 300\n[picture]\nmode = \"surface\"\nsize = [40, 30]\n\
+                 [camera]\neye = [0.5, -3.0, 0.9]\nlook_at = [0.5, 0.5, 0.5]\n";
+    let plane = "[[plane]]\nclip = [0.5, 0.4, 0.5, 0.0, -1.0, 0.0]\n";
+    let want = stage(&format!("{scene}{plane}")).image().unwrap();
+
+    let mut set = stage(scene);
+    let whole = set.image().unwrap();
+    let mut inside = set.inside().clone();
+    let cut = "0.5,0.4,0.5,0,-1,0".parse::<Plane>().unwrap();
+    inside.planes.push(cut);
+    set.set_sections(&inside).unwrap();
+    assert!(set.image().unwrap() == want, "set on the stage");
+    // Once more, with the faces that it has now.
+    let inside = set.inside().clone();
+    set.set_sections(&inside).unwrap();
+    assert!(set.image().unwrap() == want, "set again");
+    set.set_sections(&Sections::default()).unwrap();
+    assert!(set.image().unwrap() == whole, "taken away");
+    assert!(whole != want);
 }

@@ -65,7 +65,7 @@ impl Stage {
     }
 
     /// Sets the sections of the volume, boundary and skins; tools are clipped by planes in space
-    /// only.
+    /// only. In mode `surface` clip planes have cut faces.
     ///
     /// # Errors
     /// As [`Raycaster::set_sections`](crate::render::Raycaster::set_sections).
@@ -82,6 +82,11 @@ impl Stage {
 
     /// Sets the sections of the body and its skins, but not of tools.
     fn set_body_inside(&mut self, inside: &Sections) -> Result<()> {
+        let is_surface = self.looks.mode == DisplayMode::Surface;
+        let inside = &match is_surface {
+            true => inside.clone().with_cut_faces(),
+            false => inside.clone(),
+        };
         if inside.needs_rest_positions() && !self.looks.raycaster.inside().needs_rest_positions() {
             let mesh = match &self.looks.drawn {
                 Some(drawn) => &drawn.mesh,
@@ -93,7 +98,7 @@ impl Stage {
                 .store_rest_positions(mesh)?;
         }
         self.looks.raycaster.set_sections(inside)?;
-        if self.looks.mode == DisplayMode::Surface {
+        if is_surface {
             self.looks
                 .surface
                 .set_sections(inside, self.looks.raycaster.geometry())?;
