@@ -1,7 +1,8 @@
 // Slices and isosurfaces that paths meet in the tet of a ray. Each is the zero of a function that is
-// linear in the tet. A ray keeps the side of each that it is on, so that rounding at a face neither
-// hides a crossing nor counts it twice. Needs the bindings of render/path, its `ray` and `exit_at`,
-// and lib/path_medium. CPU reference: `render::path::reference_sections`.
+// linear in the tet; but isosurfaces of a scan are sought in pieces of a texel's length. A ray keeps
+// the side of each that it is on, so that rounding at a face neither hides a crossing nor counts it
+// twice. Needs the bindings of render/path, its `ray` and `exit_at`, and lib/path_medium. CPU
+// reference: `render::path::reference_sections`.
 
 override SLICE_COUNT: u32 = 0u;
 override ISOSURFACE_COUNT: u32 = 0u;
@@ -9,10 +10,13 @@ override DRAW_VOLUME: bool = true;
 
 // As in lib/segment.
 const HIDDEN: u32 = 0xffffu;
+const TRANSPARENT_FLAG: u32 = 0x8000u;
 // Error of the range in a tet's record.
 const RANGE_ERROR: f32 = 1.0 / 65535.0;
 // Distance from a clip plane within which a slice on it is kept, in local units.
 const CLIP_TOLERANCE: f32 = 2e-6;
+// Steps that refine a crossing with an isosurface of a scan.
+const REFINEMENTS: u32 = 4u;
 
 // Whether the ray is on the negative side of each surface, a bit each; unknown where a ray starts.
 var<private> sides: array<u32, 3>;
@@ -21,6 +25,11 @@ var<private> sides_known: bool;
 var<private> section: u32;
 var<private> section_at: f32;
 var<private> section_colour: vec3<f32>;
+// Where the piece ends for which that holds: the tet, or, for isosurfaces of a scan, a part of it.
+var<private> piece_end: f32;
+// With isosurfaces of a scan: length of the pieces in this tet, and the share at the end of the last.
+var<private> piece_length: f32;
+var<private> piece_share: f32;
 
 fn section_item(k: u32, which: u32) -> vec4<f32> {
     return textureLoad(cuts, array_texel(2u * (CLIP_PLANE_COUNT + k) + which), 0);
@@ -46,22 +55,67 @@ fn section_values(k: u32, a: vec3<f32>, b: vec3<f32>, shares: vec2<f32>) -> vec2
     return vec2(dot(first.xyz, a), dot(first.xyz, b)) - first.w;
 }
 
-// Finds the next surface that the ray crosses in its tet.
-fn meet_section() {
+// Returns the share of the range that isosurfaces compare: of the first scan, or of the scalar.
+fn section_share(x: vec3<f32>) -> f32 {
+#any scan     if HAS_SCANS { return normalised_value(0u, texel_of(0u, rest_of(x))); }
+    return loose_share(x);
+}
+
+// Whether the first scan has none of the isosurfaces in the tet of the ray.
+#any scan fn lacks_isosurfaces() -> bool {
+#any scan     return HAS_REGIONS && (textureLoad(rows, array_texel(ray.tet), 0).x & TRANSPARENT_FLAG) != 0u;
+#any scan }
+
+// Returns the length of a texel along the ray in its tet, from `here` on.
+#any scan fn texel_length(here: vec3<f32>) -> f32 {
+#any scan     let out = ray.origin + exit_at * ray.direction;
+#any scan     let texels = distance(texel_of(0u, rest_of(here)), texel_of(0u, rest_of(out)));
+#any scan     return select(3e38, (exit_at - ray.at) / texels, texels > 1.0);
+#any scan }
+
+// Moves `section_at` from the chord of the scan's values in the piece to their zero (regula falsi).
+#any scan fn refine_section() {
+#any scan     let value = section_item(section - 1u, 0u).x;
+#any scan     var ends = vec2(ray.at, piece_end);
+#any scan     var values = vec2(section_share(ray.origin + ends.x * ray.direction), section_share(ray.origin + ends.y * ray.direction)) - value;
+#any scan     for (var i = 0u; i < REFINEMENTS && (values.x < 0.0) != (values.y < 0.0); i++) {
+#any scan         let between = section_share(ray.origin + section_at * ray.direction) - value;
+#any scan         let is_front = (between < 0.0) == (values.x < 0.0);
+#any scan         ends = select(vec2(ends.x, section_at), vec2(section_at, ends.y), is_front);
+#any scan         values = select(vec2(values.x, between), vec2(between, values.y), is_front);
+#any scan         section_at = mix(ends.x, ends.y, clamp(values.x / select(values.x - values.y, 1.0, values.x == values.y), 0.0, 1.0));
+#any scan     }
+#any scan }
+
+// Finds the next surface that the ray crosses in its tet, or in the next piece of it. Whether the ray
+// `continues` from the end of a piece of the same tet.
+fn meet_section(continues: bool) {
     section = 0u;
     section_at = 3e38;
+    piece_end = exit_at;
     // A ray without an exit is in a degenerate tet.
     if SLICE_COUNT + ISOSURFACE_COUNT == 0u || exit_at > 1e37 {
         return;
     }
-    if USE_REST_POSITIONS && SLICE_COUNT > 0u {
+    if USE_REST_POSITIONS && (SLICE_COUNT > 0u || HAS_SCANS) && !continues {
         load_rest_map(ray.tet);
     }
     let here = ray.origin + ray.at * ray.direction;
-    let there = ray.origin + exit_at * ray.direction;
+    var lacks = false;
+#any scan     if ISOSURFACE_COUNT > 0u {
+#any scan         lacks = !continues && lacks_isosurfaces();
+#any scan         if !continues { piece_length = texel_length(here); }
+#any scan         let end = min(ray.at + piece_length, exit_at);
+#any scan         if !lacks && end > ray.at { piece_end = end; }
+#any scan     }
+    let there = ray.origin + piece_end * ray.direction;
     var shares = vec2(0.0);
     if ISOSURFACE_COUNT > 0u {
-        shares = vec2(loose_share(here), loose_share(there));
+        shares = vec2(piece_share, section_share(there));
+        if !continues {
+            shares.x = section_share(here);
+        }
+        piece_share = shares.y;
     }
     for (var k = 0u; k < SLICE_COUNT + ISOSURFACE_COUNT; k++) {
         let ends = section_values(k, here, there, shares);
@@ -75,21 +129,27 @@ fn meet_section() {
         if ((sides[word] & bit) != 0u) == (ends.y < 0.0) {
             continue;
         }
+        if lacks && k >= SLICE_COUNT {
+            // Beyond the scan, whose values go on there.
+            sides[word] ^= bit;
+            continue;
+        }
         let u = clamp(ends.x / select(ends.x - ends.y, 1.0, ends.x == ends.y), 0.0, 1.0);
-        let at = min(mix(ray.at, exit_at, u), exit_at);
+        let at = min(mix(ray.at, piece_end, u), piece_end);
         if at < section_at {
             section = k + 1u;
             section_at = at;
         }
     }
     sides_known = true;
+#any scan     if section > SLICE_COUNT { refine_section(); }
 }
 
 // Goes to the other side of the surface that the ray is at.
 fn pass_section() {
     let k = section - 1u;
     sides[k >> 5u] ^= 1u << (k & 31u);
-    meet_section();
+    meet_section(false);
 }
 
 // Whether the surface that the ray is at stops it, at random by its opacity. Clipped and hidden parts
@@ -104,6 +164,7 @@ fn section_stops() -> bool {
         return false;
     }
     let k = section - 1u;
+#any scan     if k >= SLICE_COUNT && !is_inside(0u, texel_of(0u, rest_of(x))) { return false; }
     let second = section_item(k, 1u);
     var look: vec4<f32>;
     if k < SLICE_COUNT {
@@ -123,9 +184,11 @@ fn section_collision(x: vec3<f32>) -> Collision {
     let k = section - 1u;
     var normal = section_item(k, 0u).xyz;
     if k >= SLICE_COUNT {
-        normal = gradient_at_place(ray.tet, x, 0u);
+        if !HAS_SCANS { normal = gradient_at_place(ray.tet, x, 0u); }
+#any scan         rest_to_world = mat3x3(map_x.xyz, map_y.xyz, map_z.xyz);
+#any scan         normal = scan_gradient(0u, rest_of(x));
         if dot(normal, normal) == 0.0 {
-            normal = bitcast<vec4<f32>>(record_at(8u * ray.tet + 4u)).xyz;
+            normal = select(bitcast<vec4<f32>>(record_at(8u * ray.tet + 4u)).xyz, -ray.direction, HAS_SCANS);
         }
     } else if USE_REST_POSITIONS && section_item(k, 1u).x > 0.5 {
         normal = normal.x * map_x.xyz + normal.y * map_y.xyz + normal.z * map_z.xyz;

@@ -285,7 +285,7 @@ fn find_entry() -> u32 {
     ray.left = 0u;
     sides_known = false;
     load_tet(face.code, false);
-    meet_section();
+    meet_section(false);
     return AT_NOTHING;
 }
 
@@ -308,7 +308,7 @@ fn reach_sky() {
 fn walk() -> u32 {
     var met = AT_NOTHING;
     loop {
-        let until = min(exit_at, section_at);
+        let until = min(piece_end, section_at);
         let end = select(until, min(until, wall.distance), HAS_WALLS);
         let depth_to_end = majorant * (end - ray.at);
         if depth < depth_to_end {
@@ -326,7 +326,12 @@ fn walk() -> u32 {
             met = AT_SECTION;
             break;
         }
-        ray.at = exit_at;
+        ray.at = piece_end;
+        if piece_end < exit_at {
+            steps += 1u;
+            meet_section(true);
+            continue;
+        }
         if exit_code == NONE {
             ray.tet = NONE;
             break;
@@ -337,7 +342,7 @@ fn walk() -> u32 {
             break;
         }
         load_tet(exit_code, false);
-        meet_section();
+        meet_section(false);
     }
     return met;
 }
@@ -349,7 +354,7 @@ fn fly(medium: ptr<function, Medium>, cut: ptr<function, Cut>) -> u32 {
     loop {
         if !loaded {
             load_tet(4u * ray.tet, true);
-            meet_section();
+            meet_section(false);
         }
         stop = walk();
         if stop == AT_SECTION && !section_stops() {

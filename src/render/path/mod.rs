@@ -18,6 +18,8 @@ mod progressive;
 #[cfg(test)]
 mod reference;
 #[cfg(test)]
+mod reference_scan;
+#[cfg(test)]
 mod reference_sections;
 mod sampling;
 #[cfg(test)]
@@ -120,8 +122,7 @@ impl Raycaster {
     /// surfaces `walls` of skins and tools.
     ///
     /// # Errors
-    /// [`Error::Input`] for an invalid camera, size or option, and for isosurfaces of a scan, which
-    /// paths do not show; [`Error::Gpu`] if the device fails.
+    /// [`Error::Input`] for an invalid camera, size or option; [`Error::Gpu`] if the device fails.
     pub(crate) fn start_paths(
         &mut self,
         camera: &Camera,
@@ -152,7 +153,6 @@ impl Raycaster {
         camera.check()?;
         check_size(size)?;
         options.check(camera)?;
-        self.check_path_content()?;
         self.looks.check(&self.geometry)?;
         let gpu = self.gpu.clone();
         let mut work = gpu.start_recording();
@@ -267,16 +267,6 @@ impl Raycaster {
             pass: self.path_pass(arrays, &sums, &params)?,
             sums,
         })
-    }
-
-    /// Rejects what paths do not show.
-    fn check_path_content(&self) -> Result<()> {
-        if self.looks.scans().is_none() || self.looks.inside().isosurfaces.is_empty() {
-            return Ok(());
-        }
-        Err(Error::Input(
-            "light of paths does not show isosurfaces of a scan, only of a field at the nodes; use another light (--light head), remove the isosurfaces or the scan, or raise the transfer function steeply at their values".into(),
-        ))
     }
 
     /// Returns planes and isosurfaces in the layout of `lib/sections.wgsl`, isosurfaces with the share

@@ -4,7 +4,8 @@
 
 use super::environment::SkyMap;
 use super::lobes::{self, SpecularAlbedo};
-use super::reference_sections::ReferenceSection;
+use super::reference_scan::ReferenceScan;
+use super::reference_sections::{ReferenceSection, rest_map};
 use super::tone::linear;
 use super::walls::Wall;
 use crate::random::Random;
@@ -38,6 +39,8 @@ pub(super) struct ReferenceBody<'a> {
     /// Nodes at rest.
     pub rests: &'a [DVec3],
     pub draws_volume: bool,
+    /// In place of the scalars.
+    pub scan: Option<&'a ReferenceScan>,
 }
 
 pub(super) struct ReferencePaths<'a> {
@@ -81,18 +84,26 @@ impl ReferenceBody<'_> {
                 volume(p[0], p[1], p[2], x),
             ]
             .map(|v| v / whole);
-            if w.iter().all(|w| *w >= 0.0) {
-                let sum =
-                    |of: &dyn Fn(usize) -> f64| (0..4).map(|k| w[k] * of(tet[k] as usize)).sum();
-                return Some(Spot {
-                    scalar: sum(&|v| self.scalars[v]),
-                    gradient: DVec3::new(
-                        sum(&|v| self.gradients[v].x),
-                        sum(&|v| self.gradients[v].y),
-                        sum(&|v| self.gradients[v].z),
-                    ),
+            if w.iter().any(|w| *w < 0.0) {
+                continue;
+            }
+            if let Some(scan) = self.scan {
+                let rests = tet.map(|v| self.rests[v as usize]);
+                let rest: DVec3 = (0..4).map(|k| w[k] * rests[k]).sum();
+                return scan.covers(rest).then(|| Spot {
+                    scalar: scan.value(rest),
+                    gradient: scan.gradient(rest, rest_map(p, rests)),
                 });
             }
+            let sum = |of: &dyn Fn(usize) -> f64| (0..4).map(|k| w[k] * of(tet[k] as usize)).sum();
+            return Some(Spot {
+                scalar: sum(&|v| self.scalars[v]),
+                gradient: DVec3::new(
+                    sum(&|v| self.gradients[v].x),
+                    sum(&|v| self.gradients[v].y),
+                    sum(&|v| self.gradients[v].z),
+                ),
+            });
         }
         None
     }

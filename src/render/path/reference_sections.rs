@@ -1,6 +1,7 @@
 //! Slices and isosurfaces for light paths in float64, found in each tet by itself.
 
 use super::reference::ReferenceBody;
+use crate::render::AbsoluteTransferFunction;
 use glam::{DMat3, DVec3};
 
 /// Distance below which a path does not meet the surface again that it has left.
@@ -32,6 +33,29 @@ pub(super) struct Crossing {
     pub opacity: f64,
 }
 
+impl ReferenceSection {
+    /// Returns the crossing at a distance, with a normal, where the scalar is `scalar`.
+    fn crossing(
+        &self,
+        (distance, normal): (f64, DVec3),
+        scalar: f64,
+        transfer: &AbsoluteTransferFunction,
+    ) -> Crossing {
+        Crossing {
+            distance,
+            normal,
+            colour: self.colour.unwrap_or_else(|| transfer.colour(scalar)),
+            opacity: self.opacity,
+        }
+    }
+}
+
+/// Returns the derivative of the rest positions in a tet by the places.
+pub(super) fn rest_map(p: [DVec3; 4], rests: [DVec3; 4]) -> DMat3 {
+    let edges = |v: [DVec3; 4]| DMat3::from_cols(v[1] - v[0], v[2] - v[0], v[3] - v[0]);
+    edges(rests) * edges(p).inverse()
+}
+
 impl ReferenceBody<'_> {
     /// Returns all crossings of a ray from x along the unit vector d.
     pub fn crossings(&self, x: DVec3, d: DVec3) -> Vec<Crossing> {
@@ -61,6 +85,21 @@ impl ReferenceBody<'_> {
                 shares(t).iter().zip(of).map(|(w, f)| w * f).sum()
             };
             for section in self.sections {
+                if let (Shape::Value(value), Some(scan)) = (section.shape, self.scan) {
+                    let rests = nodes.map(|v| self.rests[v]);
+                    let rest = |t: f64| -> DVec3 {
+                        shares(t).iter().zip(rests).map(|(w, r)| *w * r).sum()
+                    };
+                    for u in scan.crossings([rest(near), rest(far)], value) {
+                        let distance = near + u * (far - near);
+                        let map = rest_map(p, rests);
+                        let normal = scan.gradient(rest(distance), map).normalize_or_zero();
+                        if distance > OFFSET {
+                            found.push(section.crossing((distance, normal), value, self.transfer));
+                        }
+                    }
+                    continue;
+                }
                 let values = nodes.map(|v| self.section_value(section, v));
                 let [front, back] = [near, far].map(|t| at(t, &values));
                 if (front < 0.0) == (back < 0.0) {
@@ -78,14 +117,8 @@ impl ReferenceBody<'_> {
                 let w = shares(t);
                 let smooth: DVec3 = (0..4).map(|k| w[k] * self.gradients[nodes[k]]).sum();
                 let is_smooth = matches!(section.shape, Shape::Value(_)) && smooth != DVec3::ZERO;
-                found.push(Crossing {
-                    distance: t,
-                    normal: if is_smooth { smooth } else { flat }.normalize_or_zero(),
-                    colour: section
-                        .colour
-                        .unwrap_or_else(|| self.transfer.colour(scalar)),
-                    opacity: section.opacity,
-                });
+                let normal = if is_smooth { smooth } else { flat }.normalize_or_zero();
+                found.push(section.crossing((t, normal), scalar, self.transfer));
             }
         }
         found

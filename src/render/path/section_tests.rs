@@ -202,7 +202,7 @@ fn scanned(body: &Body, gpu: &Gpu, depth: f64) -> Raycaster {
 }
 
 #[test]
-fn slices_show_scans_and_isosurfaces_of_scans_are_refused() {
+fn slices_show_scans() {
     let gpu = Gpu::new().unwrap();
     let mut body = Body::new("box", 300, |s| s.x, soft());
     let slice = plane(&body, 0.5, DVec3::Z, PlaneKind::Slice(1.0));
@@ -221,12 +221,79 @@ fn slices_show_scans_and_isosurfaces_of_scans_are_refused() {
         (light / opacity - 1.0).abs() < 0.005,
         "{light} of {opacity}"
     );
-    body.inside.isosurfaces = vec![isosurface(100.0, None, 1.0)];
-    caster.set_sections(&body.inside).unwrap();
-    let message = caster
-        .start_paths(&camera, [8, 8], (&even(1), &[]))
-        .err()
-        .unwrap()
-        .to_string();
-    assert!(message.contains("isosurfaces of a scan"), "{message}");
+}
+
+/// Gives a body a scan of two balls that overlap, with 1 in their middles; it ends before the body's
+/// upper side along y, and within the second ball.
+fn with_balls(mut body: Body) -> Body {
+    let (low, high) = body.mesh.bounds();
+    let size = [20, 16, 18];
+    let extent = (high - low) * DVec3::new(1.0, 0.8, 1.0);
+    let voxel = extent / DVec3::from(size.map(|n| n as f64));
+    let middles = [DVec3::new(0.35, 0.4, 0.5), DVec3::new(0.65, 0.7, 0.4)];
+    let values = (0..size.iter().product()).map(|n| {
+        let index = [n % size[0], n / size[0] % size[1], n / size[0] / size[1]];
+        let share = DVec3::from(index.map(|i| i as f64 + 0.5)) * voxel / (high - low);
+        let near = |middle: DVec3| (1.0 - 2.0 * share.distance(middle)).max(0.0) as f32;
+        near(middles[0]).max(near(middles[1]))
+    });
+    body.scan = Some(Arc::new(Volume {
+        size,
+        raw: Raw::F32(values.collect()),
+        to_world: DAffine3::from_translation(low + 0.5 * voxel) * DAffine3::from_scale(voxel),
+        ..Volume::default()
+    }));
+    body
+}
+
+/// Pixels of pictures of which only the mean is compared.
+const FINE: [u32; 2] = [48, 48];
+
+/// The standard error of the difference of two means of an opacity, in pictures of this size.
+fn error_of_difference(opacity: f64, samples: u32) -> f64 {
+    let paths = f64::from(samples * FINE[0] * FINE[1]);
+    (2.0 * opacity * (1.0 - opacity) / paths).sqrt()
+}
+
+#[test]
+fn paths_with_isosurfaces_of_scans_match_float64_paths() {
+    let gpu = Gpu::new().unwrap();
+    let mut body = with_balls(Body::new("bar", 100, |_| 0.5, soft()).bent());
+    body.inside.isosurfaces = vec![
+        isosurface(0.45, Some([0.9, 0.5, 0.1]), 0.5),
+        isosurface(0.75, None, 1.0),
+    ];
+    let camera = Camera::fit_mesh_in(&body.mesh, SIZE);
+    compare(&body, &camera, &even(1), [64]);
+    // With another surface, the picture differs.
+    body.inside.draw_volume = false;
+    let right = picture(&mut body.caster(&gpu), &camera, FINE, &even(64));
+    body.inside.isosurfaces[0].value = 0.6;
+    let wrong = picture(&mut body.caster(&gpu), &camera, FINE, &even(64));
+    let [.., right] = mean(right.linear());
+    let [.., wrong] = mean(wrong.linear());
+    let error = error_of_difference(right, 64);
+    assert!(right - wrong > 8.0 * error, "{right}, {wrong} ± {error}");
+}
+
+#[test]
+fn transparent_isosurfaces_of_scans_change_nothing() {
+    let gpu = Gpu::new().unwrap();
+    let mut body = with_balls(Body::new("bar", 100, |_| 0.5, soft()).bent());
+    let camera = Camera::fit_mesh_in(&body.mesh, FINE);
+    let without = picture(&mut body.caster(&gpu), &camera, FINE, &even(256));
+    body.inside.isosurfaces = [0.2, 0.4, 0.6]
+        .map(|value| isosurface(value, None, 0.0))
+        .to_vec();
+    let found = picture(&mut body.caster(&gpu), &camera, FINE, &even(256));
+    assert_eq!(found.lost(), 0);
+    let (a, b) = (mean(found.linear()), mean(without.linear()));
+    assert!(b[3] > 0.1, "{b:?}");
+    let error = error_of_difference(b[3], 256);
+    for k in 0..4 {
+        assert!(
+            (a[k] - b[k]).abs() < 5.0 * error,
+            "{a:?} for {b:?} ± {error}"
+        );
+    }
 }

@@ -4,17 +4,21 @@ use super::environment::Environment;
 use super::lobes::SpecularAlbedo;
 use super::picture::PathPicture;
 use super::reference::{ReferenceBody, ReferencePaths};
+use super::reference_scan::ReferenceScan;
 use super::reference_sections::{ReferenceSection, Shape};
 use super::*;
 use crate::generate;
 use crate::mesh::{LocalFrame, TetMesh, Topology};
 use crate::progress::no_progress;
 use crate::random::Random;
+use crate::render::scan::{Scan, ScanAppearance};
 use crate::render::{
     Geometry, Image, Light, MeshAccess, Plane, PlaneKind, RaycastOptions, Sections,
     TransferFunction, Traversal,
 };
-use glam::DVec3;
+use crate::volume::Volume;
+use glam::{DAffine3, DVec3};
+use std::sync::Arc;
 
 /// A body and what its scalars look like.
 pub(super) struct Body {
@@ -27,6 +31,8 @@ pub(super) struct Body {
     pub inside: Sections,
     pub lit: bool,
     pub walls: Vec<Wall>,
+    /// Shares of the range, in place of the scalars; its world is the mesh's.
+    pub scan: Option<Arc<Volume>>,
     /// How the raycaster finds tets and reads them.
     walk: Traversal,
     reads: MeshAccess,
@@ -51,6 +57,7 @@ impl Body {
             inside: Sections::default(),
             lit: true,
             walls: Vec::new(),
+            scan: None,
             walk: Traversal::default(),
             reads: MeshAccess::default(),
         }
@@ -94,7 +101,7 @@ impl Body {
                 (0.0, 1.0),
             )
             .unwrap();
-        if self.inside.needs_rest_positions() {
+        if self.inside.needs_rest_positions() || self.scan.is_some() {
             geometry.store_rest_positions(&self.mesh).unwrap();
         }
         if self.lit {
@@ -110,6 +117,17 @@ impl Body {
         };
         let mut caster = Raycaster::with_options(gpu, geometry, &self.transfer, options).unwrap();
         caster.set_sections(&self.inside).unwrap();
+        if let Some(volume) = &self.scan {
+            let scan = Scan {
+                volume: volume.clone(),
+                units_per_mm: 1.0,
+                appearance: ScanAppearance::Values {
+                    transfer: self.transfer.clone(),
+                    range: Some((0.0, 1.0)),
+                },
+            };
+            caster.set_scans(&self.mesh, &[scan]).unwrap();
+        }
         caster
     }
 
@@ -167,6 +185,14 @@ impl Body {
         let local: Vec<DVec3> = self.nodes.iter().map(to_local).collect();
         let rests: Vec<DVec3> = self.mesh.nodes.iter().map(to_local).collect();
         let sections = self.reference_sections();
+        let scan = self.scan.as_ref().map(|volume| {
+            let to_file = DAffine3::from_translation(frame.origin)
+                * DAffine3::from_scale(DVec3::splat(frame.scale));
+            ReferenceScan {
+                volume: volume.clone(),
+                voxel_from_rest: volume.to_world.inverse() * to_file,
+            }
+        });
         let gradients = match self.lit {
             true => Geometry::reference_node_gradients(
                 &self.mesh,
@@ -197,6 +223,7 @@ impl Body {
                     sections: &sections,
                     rests: &rests,
                     draws_volume: self.inside.draw_volume,
+                    scan: scan.as_ref(),
                 },
                 sky: options.environment.map(camera).unwrap(),
                 roughness: options.roughness,
