@@ -5,10 +5,12 @@ import argparse
 import base64
 import csv
 import glob
+import hashlib
 import json
 import os
 import subprocess
 import sys
+import tempfile
 
 GPUS = ["gfx1100", "navi21", "vega10"]
 # GPU that a check compiles for: spills and waves on the others follow it.
@@ -23,6 +25,8 @@ NUMBERS = {
     "instructions": "Instructions",
 }
 KEY = ["shader", "constants", "targets", "stage"]
+# Column of the hash of a pipeline: a check compiles those that the stored table does not have.
+CODE = "pipeline"
 # Stages in the printed table.
 ROWS = 40
 
@@ -39,9 +43,18 @@ def main():
         return print(json.dumps(compile_all(options.pipelines, options.gpu)))
     if options.check and not options.write:
         GPUS[:] = CHECKED
-    version, rows = measure(options.pipelines)
+    with open(options.pipelines) as file:
+        pipelines = json.load(file)
+    version = measure([])[0]
     folder = os.path.join("docs", "gpu-stats")
     table = os.path.join(folder, f"mesa-{version}.csv")
+    known = read(table) if options.check and not options.write and not options.only else []
+    codes = {code_of(pipeline) for pipeline in pipelines}
+    rows = [row for row in known if row[CODE] in codes]
+    have = {row[CODE] for row in rows}
+    new = [pipeline for pipeline in pipelines if code_of(pipeline) not in have]
+    print(f"{len(pipelines)} pipelines, {len(new)} to compile")
+    rows = sorted(rows + measure(new)[1], key=lambda row: tuple(row[k] for k in KEY))
     print_table(version, [row for row in rows if options.only in row["shader"]], options.only)
     if options.check and not check(rows, table, version):
         sys.exit(1)
@@ -51,23 +64,40 @@ def main():
         print(f"written: {table}")
 
 
+def code_of(pipeline):
+    return hashlib.sha256(json.dumps(pipeline, sort_keys=True).encode()).hexdigest()[:16]
+
+
 def measure(pipelines):
     """Returns the Mesa version and a row for each stage, with the numbers of all GPUs."""
     rows = {}
-    # The driver reads the GPU's name once per process.
-    children = [
-        subprocess.Popen([sys.executable, __file__, pipelines, "--gpu", gpu], stdout=subprocess.PIPE)
-        for gpu in GPUS
-    ]
-    for gpu, child in zip(GPUS, children):
-        output = child.communicate()[0]
-        if child.returncode:
-            sys.exit(f"gpu-stats: compiling for {gpu} failed; the error stands above")
-        made = json.loads(output)
-        for stage in made["stages"]:
-            row = rows.setdefault(tuple(stage[k] for k in KEY), {k: stage[k] for k in KEY})
-            row.update({f"{gpu}_{name}": stage[name] for name in NUMBERS})
-    return made["mesa"], sorted(rows.values(), key=lambda row: tuple(row[k] for k in KEY))
+    with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
+        json.dump(pipelines, file)
+        file.flush()
+        # The driver reads the GPU's name once per process.
+        children = [
+            subprocess.Popen([sys.executable, __file__, file.name, "--gpu", gpu], stdout=subprocess.PIPE)
+            for gpu in GPUS
+        ]
+        for gpu, child in zip(GPUS, children):
+            output = child.communicate()[0]
+            if child.returncode:
+                sys.exit(f"gpu-stats: compiling for {gpu} failed; the error stands above")
+            made = json.loads(output)
+            for stage in made["stages"]:
+                row = rows.setdefault(tuple(stage[k] for k in KEY), {k: stage[k] for k in KEY + [CODE]})
+                row.update({f"{gpu}_{name}": stage[name] for name in NUMBERS})
+    return made["mesa"], list(rows.values())
+
+
+def read(path):
+    """Returns the rows of a stored table that name their pipelines."""
+    if not os.path.exists(path):
+        return []
+    with open(path, newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row.get(CODE)]
+    numbers = [f"{gpu}_{name}" for gpu in GPUS for name in NUMBERS]
+    return [{**{k: row[k] for k in KEY + [CODE]}, **{n: int(row[n]) for n in numbers}} for row in rows]
 
 
 def print_table(version, rows, everything):
@@ -88,7 +118,7 @@ def print_table(version, rows, everything):
 
 def write(rows, path):
     with open(path + ".partial", "w", newline="") as file:
-        columns = KEY + [f"{gpu}_{name}" for gpu in GPUS for name in NUMBERS]
+        columns = KEY + [CODE] + [f"{gpu}_{name}" for gpu in GPUS for name in NUMBERS]
         writer = csv.DictWriter(file, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
@@ -194,7 +224,7 @@ class Device:
             row = {name: numbers.get(theirs, 0) for name, theirs in NUMBERS.items()}
             stage = text(executable.name).lower().replace(" shader", "").replace("pixel", "fragment")
             rows.append({"shader": pipeline["shader"], "constants": constants, "targets": targets,
-                         "stage": stage, **row})
+                         "stage": stage, CODE: code_of(pipeline), **row})
         return rows
 
     def stage(self, stage):
