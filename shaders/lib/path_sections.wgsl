@@ -25,11 +25,11 @@ var<private> sides_known: bool;
 var<private> section: u32;
 var<private> section_at: f32;
 var<private> section_colour: vec3<f32>;
-// Where the piece ends for which that holds: the tet, or, for isosurfaces of a scan, a part of it.
-var<private> piece_end: f32;
-// With isosurfaces of a scan: length of the pieces in this tet, and the share at the end of the last.
-var<private> piece_length: f32;
-var<private> piece_share: f32;
+// With scans: where the piece ends for which that holds, the tet or a part of it; length of the
+// pieces in this tet, and the share at the end of the last.
+#any scan var<private> piece_end: f32;
+#any scan var<private> piece_length: f32;
+#any scan var<private> piece_share: f32;
 
 fn section_item(k: u32, which: u32) -> vec4<f32> {
     return textureLoad(cuts, array_texel(2u * (CLIP_PLANE_COUNT + k) + which), 0);
@@ -92,7 +92,7 @@ fn section_share(x: vec3<f32>) -> f32 {
 fn meet_section(continues: bool) {
     section = 0u;
     section_at = 3e38;
-    piece_end = exit_at;
+#any scan     piece_end = exit_at;
     // A ray without an exit is in a degenerate tet.
     if SLICE_COUNT + ISOSURFACE_COUNT == 0u || exit_at > 1e37 {
         return;
@@ -101,21 +101,24 @@ fn meet_section(continues: bool) {
         load_rest_map(ray.tet);
     }
     let here = ray.origin + ray.at * ray.direction;
+    var until = exit_at;
     var lacks = false;
 #any scan     if ISOSURFACE_COUNT > 0u {
 #any scan         lacks = !continues && lacks_isosurfaces();
 #any scan         if !continues { piece_length = texel_length(here); }
 #any scan         let end = min(ray.at + piece_length, exit_at);
-#any scan         if !lacks && end > ray.at { piece_end = end; }
+#any scan         if !lacks && end > ray.at { until = end; }
+#any scan         piece_end = until;
 #any scan     }
-    let there = ray.origin + piece_end * ray.direction;
+    let there = ray.origin + until * ray.direction;
     var shares = vec2(0.0);
     if ISOSURFACE_COUNT > 0u {
-        shares = vec2(piece_share, section_share(there));
+        shares.y = section_share(there);
         if !continues {
             shares.x = section_share(here);
         }
-        piece_share = shares.y;
+#any scan         if continues { shares.x = piece_share; }
+#any scan         piece_share = shares.y;
     }
     for (var k = 0u; k < SLICE_COUNT + ISOSURFACE_COUNT; k++) {
         let ends = section_values(k, here, there, shares);
@@ -135,7 +138,7 @@ fn meet_section(continues: bool) {
             continue;
         }
         let u = clamp(ends.x / select(ends.x - ends.y, 1.0, ends.x == ends.y), 0.0, 1.0);
-        let at = min(mix(ray.at, piece_end, u), piece_end);
+        let at = min(mix(ray.at, until, u), until);
         if at < section_at {
             section = k + 1u;
             section_at = at;

@@ -308,7 +308,8 @@ fn reach_sky() {
 fn walk() -> u32 {
     var met = AT_NOTHING;
     loop {
-        let until = min(piece_end, section_at);
+        var until = min(exit_at, section_at);
+#any scan         until = min(piece_end, section_at);
         let end = select(until, min(until, wall.distance), HAS_WALLS);
         let depth_to_end = majorant * (end - ray.at);
         if depth < depth_to_end {
@@ -326,12 +327,13 @@ fn walk() -> u32 {
             met = AT_SECTION;
             break;
         }
-        ray.at = piece_end;
-        if piece_end < exit_at {
-            steps += 1u;
-            meet_section(true);
-            continue;
-        }
+        ray.at = exit_at;
+#any scan         if piece_end < exit_at {
+#any scan             ray.at = piece_end;
+#any scan             steps += 1u;
+#any scan             meet_section(true);
+#any scan             continue;
+#any scan         }
         if exit_code == NONE {
             ray.tet = NONE;
             break;

@@ -85,9 +85,15 @@ fn path_scenes(folder: &Path) -> Vec<palpate::Result<Scene>> {
     let planes = "[[plane]]\nclip = [0.05, 0.05, 0.05, 1, 0, 0]\n[[plane]]\nslice = [0.05, 0.05, 0.05, 0, 0, 1]\n";
     let looks = ["", TOOLS, planes, "[[isosurface]]\nvalue = 0.5\n"];
     let boxes = looks.map(|look| Scene::parse(&format!("{BOX}[light]\nmodel = \"path\"\n{look}")));
-    let files = ["head_ct.toml", "cheek_scan.toml"].map(|file| {
+    let files = [
+        ("head_ct.toml", ""),
+        ("cheek_scan.toml", ""),
+        ("cheek_scan.toml", "[[isosurface]]\nvalue = 700\n"),
+    ];
+    let files = files.map(|(file, more)| {
         let mut scene = coarsened(&Scene::read(folder.join(file))?);
-        scene.light = Scene::parse("[light]\nmodel = \"path\"\n")?.light;
+        let look = Scene::parse(&format!("[light]\nmodel = \"path\"\n{more}"))?;
+        (scene.light, scene.isosurface) = (look.light, look.isosurface);
         Ok(scene)
     });
     boxes.into_iter().chain(files).collect()
