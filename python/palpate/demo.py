@@ -16,16 +16,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("out", nargs="?", default="palpate-demo", type=Path, help=folder)
     fine = "set the approximate number of tets of the limb [default: 8000]"
     parser.add_argument("--tets", type=int, default=8000, help=fine)
+    exact = "press until the force is within this part of the true one [default: 0.05]"
+    parser.add_argument("--within", type=float, default=0.05, help=exact)
     given = parser.parse_args(arguments)
     try:
-        show(given.out, given.tets)
+        show(given.out, given.tets, given.within)
     except palpate.Error as why:
         print(f"palpate: {why}", file=sys.stderr)
         return 1
     return 0
 
 
-def show(out: Path, tets: int) -> None:
+def show(out: Path, tets: int, within: float) -> None:
     """Writes ``limb.png``, ``stress.png`` and the results of a press to ``out``."""
     out.mkdir(parents=True, exist_ok=True)
     limb = palpate.Mesh.generate("limb", tets=tets)
@@ -49,7 +51,7 @@ def show(out: Path, tets: int) -> None:
     stress.save(out / "stress.png")
 
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": max(tets, 8000)}})
-    press = palpate.press(breast, size=(800, 600), within=0.05)
+    press = palpate.press(breast, size=(800, 600), within=within)
     press.save(out)
     force, deepest = press.force.max(), 1e3 * press.depth.max()
     error = press.report["max_force_error_n"]

@@ -142,12 +142,12 @@ def test_demo_writes_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
     from palpate import demo
 
-    assert demo.main([str(tmp_path / "demo"), "--tets", "2000"]) == 0
+    assert demo.main([str(tmp_path / "demo"), "--tets", "2000", "--within", "0.3"]) == 0
     told = capsys.readouterr().out
     force, _, _, error, _, depth, _ = told.split(maxsplit=6)
     curve = np.genfromtxt(tmp_path / "demo/press.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
     assert force == f"{curve['force_n'].max():.3g}" and depth == f"{1e3 * curve['depth_m'].max():.3g}"
-    assert 0 < float(error) < 0.06 * float(force)
+    assert 0 < float(error) < 0.31 * float(force)
     for name in ("limb", "stress", "rest", "pressed"):
         drawn = np.asarray(Image.open(tmp_path / f"demo/{name}.png"))
         assert drawn.shape[:2] == (600, 800) and len(np.unique(drawn)) > 20

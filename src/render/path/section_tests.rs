@@ -281,15 +281,15 @@ fn transparent_isosurfaces_of_scans_change_nothing() {
     let gpu = Gpu::new().unwrap();
     let mut body = with_balls(Body::new("bar", 100, |_| 0.5, soft()).bent());
     let camera = Camera::fit_mesh_in(&body.mesh, FINE);
-    let without = picture(&mut body.caster(&gpu), &camera, FINE, &even(256));
+    let without = picture(&mut body.caster(&gpu), &camera, FINE, &even(96));
     body.inside.isosurfaces = [0.2, 0.4, 0.6]
         .map(|value| isosurface(value, None, 0.0))
         .to_vec();
-    let found = picture(&mut body.caster(&gpu), &camera, FINE, &even(256));
+    let found = picture(&mut body.caster(&gpu), &camera, FINE, &even(96));
     assert_eq!(found.lost(), 0);
     let (a, b) = (mean(found.linear()), mean(without.linear()));
     assert!(b[3] > 0.1, "{b:?}");
-    let error = error_of_difference(b[3], 256);
+    let error = error_of_difference(b[3], 96);
     for k in 0..4 {
         assert!(
             (a[k] - b[k]).abs() < 5.0 * error,

@@ -82,7 +82,7 @@ fn largest_difference(pictures: &[PathPicture; 2], [a, b]: [&[f64]; 2], brightes
 #[test]
 #[ignore = "takes as long as PALPATE_RAYS, the number of rays, says"]
 fn no_pixel_is_negative_infinite_or_far_off() {
-    let wanted: f64 = std::env::var("PALPATE_RAYS").map_or(2e7, |n| n.parse().unwrap());
+    let wanted: f64 = std::env::var("PALPATE_RAYS").map_or(6e6, |n| n.parse().unwrap());
     let gpu = Gpu::new().unwrap();
     let (mut rays, mut paths, mut number, mut farthest) = (0.0, 0u64, 0, 0.0f64);
     while rays < wanted {
