@@ -20,6 +20,7 @@ from ._errors import InputError
 
 __all__ = [
     "Amplitude",
+    "DampingTime",
     "Density",
     "Displacement",
     "ElasticEnergy",
@@ -29,6 +30,7 @@ __all__ = [
     "InitialVelocity",
     "LargestDisplacement",
     "Load",
+    "MassDamping",
     "Parameter",
     "PinReaction",
     "Poisson",
@@ -188,6 +190,16 @@ class ToolFriction:
 
 
 @dataclass(frozen=True)
+class DampingTime:
+    """Time of stiffness-proportional damping, s, of a body that has some; of a motion."""
+
+
+@dataclass(frozen=True)
+class MassDamping:
+    """Rate of mass-proportional damping of finite elements, 1/s; of a motion."""
+
+
+@dataclass(frozen=True)
 class Support:
     """Position of fixed nodes along a direction, in the mesh's unit."""
 
@@ -242,6 +254,8 @@ Parameter = Union[
     ToolPosition,
     ToolRotation,
     ToolFriction,
+    DampingTime,
+    MassDamping,
     Support,
     RestPosition,
     InitialPosition,

@@ -165,6 +165,8 @@ fn to_parameter(body: &dyn Simulator, item: &Item) -> Result<Parameter> {
             axis: direction,
         },
         "ToolFriction" => Parameter::ToolFriction { tool },
+        "DampingTime" => Parameter::DampingTime,
+        "MassDamping" => Parameter::MassDamping,
         "Support" => Parameter::Support {
             nodes: numbers.to_vec(),
             direction,

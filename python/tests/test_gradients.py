@@ -94,6 +94,21 @@ def test_gradient_of_motion_matches_differences() -> None:
     assert 0 < total.value / found.value < 0.05
 
 
+def test_gradient_of_motion_by_damping_matches_differences() -> None:
+    def damped(ratio: float) -> palpate.Simulator:
+        changes = {"solver.dt": 0.01, "material.damping_ratio": ratio, "material.damping_hz": 4.0}
+        return palpate.Simulator(block(gravity=-9.81).scene.updated(changes), precision="double")
+
+    def end(ratio: float, *by: gradients.Parameter) -> gradients.Gradient:
+        simulator = damped(ratio)
+        return simulator.gradient_of_motion(5, tip(simulator), by)
+
+    found = end(0.1, gradients.DampingTime(), gradients.MassDamping()).derivatives
+    omega = 2 * np.pi * 4.0
+    difference = (end(0.101).value - end(0.099).value) / 0.002
+    assert found[0] / omega + found[1] * omega == pytest.approx(difference, rel=1e-4)
+
+
 def test_gradient_of_motion_along_paths_matches_differences() -> None:
     low, high = (np.array(corner) for corner in block().mesh.bounds)
     thick = high[2] - low[2]

@@ -2,7 +2,7 @@
 //!
 //! The states of all steps are kept if they fit [`STATE_MEMORY`]. Otherwise checkpoints are kept
 //! every √n steps, and the steps between two of them are taken again, so that forward and reverse
-//! take at most 2n steps.
+//! take at most 2n steps. Several numbers of one motion share the forward pass.
 
 use super::equilibrium::{Equilibrium, MeasuredForces};
 use super::parameters::{ModelNumbers, Sensitivity};
@@ -11,7 +11,7 @@ use crate::physics::cpu::{
     AdjointSeed, LoadUpdate, MotionAdjoint, MotionState, StateAdjoint, StepFailure, StepLoads,
     StepParts,
 };
-use crate::physics::{Gradient, Parameter, Quantity, SolverKind, StepRecord};
+use crate::physics::{Gradient, Parameter, Quantity, SeriesReader, SolverKind, StepRecord};
 use crate::progress::{ProgressFn, ProgressScope};
 use crate::{Error, Result};
 use glam::DVec3;
@@ -29,19 +29,24 @@ pub(super) enum MotionQuantity {
     AtEnd(Quantity),
     /// The sum of the values of the quantity after every step, times the length of the step.
     Integral(Quantity),
+    /// Numbers that the values of the quantity after all steps determine.
+    Series(Quantity),
 }
 
 impl MotionQuantity {
     /// Returns the quantity at one time.
     pub fn at_one_time(&self) -> &Quantity {
         match self {
-            MotionQuantity::AtEnd(quantity) | MotionQuantity::Integral(quantity) => quantity,
+            MotionQuantity::AtEnd(quantity)
+            | MotionQuantity::Integral(quantity)
+            | MotionQuantity::Series(quantity) => quantity,
         }
     }
 }
 
 /// The gradient of a motion that is to be computed.
 pub(super) struct MotionTask<'a> {
+    /// Number of steps, of a series the most.
     pub steps: u32,
     /// Length of a step, s.
     pub dt: f64,
@@ -63,30 +68,32 @@ pub(super) struct MotionResult {
     pub computed: u32,
     /// The record of the last step of the motion.
     pub last: Option<StepRecord>,
-    pub gradient: Result<Gradient>,
+    /// One gradient, of a series one for each number.
+    pub gradients: Result<Vec<Gradient>>,
 }
 
 /// Runs the motion of `body`, whose engine is `engine`, forward and back. The engine ends at the
 /// end of the motion, also if the gradient fails.
 ///
-/// `loads` returns those of the step of an index, if they change.
-pub(super) fn gradient_of_motion(
+/// `loads` returns those of the step of an index, if they change; `read` is that of a series.
+pub(super) fn gradients_of_motion(
     body: Equilibrium<'_>,
     engine: &mut dyn MotionAdjoint,
     task: &MotionTask<'_>,
     loads: &mut dyn FnMut(u32) -> Result<Option<LoadUpdate>>,
+    read: SeriesReader<'_>,
 ) -> MotionResult {
     let mut result = MotionResult {
         taken: 0,
         computed: 0,
         last: None,
-        gradient: Ok(Gradient::default()),
+        gradients: Ok(Vec::new()),
     };
     let begun = check_task(&body, task).and_then(|()| engine.begin_motion());
     let (first, settings) = match begun {
         Ok(begun) => begun,
         Err(error) => {
-            result.gradient = Err(error);
+            result.gradients = Err(error);
             return result;
         }
     };
@@ -104,18 +111,14 @@ pub(super) fn gradient_of_motion(
         segment: segment.max(1),
         states: vec![first],
         checkpoints: Vec::new(),
-        adjoint: StateAdjoint::default(),
-        sums: Gradient {
-            derivatives: vec![0.0; task.parameters.len()],
-            ..Gradient::default()
-        },
+        outputs: Vec::new(),
     };
-    let forward = pass.forward(&mut result);
-    result.gradient = forward.and_then(|()| {
+    let forward = pass.forward(&mut result, read);
+    result.gradients = forward.and_then(|()| {
         let end = pass.engine.serialise_state()?;
-        let reverse = pass.reverse(&mut result.computed);
+        let reverse = pass.reverse(result.taken, &mut result.computed);
         // A state resumes with the loads of its last step.
-        if let Some(last) = (pass.loads)(task.steps - 1)? {
+        if let Some(last) = (pass.loads)(result.taken - 1)? {
             pass.engine.apply_loads(last)?;
         }
         pass.engine.resume(&end)?;
@@ -184,6 +187,11 @@ fn check_rigid(body: &Equilibrium<'_>, scheme: SolverKind, parameter: &Parameter
                 "node {node} belongs to a rigid region, which begins in the pose and with the momentum that fit all of its nodes; choose a node of the soft tissue"
             )))
         }
+        Parameter::MassDamping if is_midpoint && !body.network.rigid_bodies().is_empty() => {
+            Err(Error::Input(
+                "a motion of rigid regions by the midpoint rule has no derivative by mass-proportional damping; use implicit or bdf2".into(),
+            ))
+        }
         Parameter::Density { tets } if is_midpoint => refuse_masses(&mut tets.iter().copied()),
         Parameter::RestPosition { node, .. } if is_midpoint => {
             let all = 0..body.mesh.tets.len();
@@ -207,14 +215,24 @@ struct Pass<'a, 'b> {
     states: Vec<MotionState>,
     /// Packed states at the start of every segment, if there are several.
     checkpoints: Vec<Vec<u8>>,
-    /// Derivatives by the state that the reverse has reached.
-    adjoint: StateAdjoint,
+    outputs: Vec<Output>,
+}
+
+/// A number of a motion, and its gradient as far as the reverse has come.
+struct Output {
+    /// Its derivatives by the value of the quantity after each step.
+    weights: Vec<f64>,
+    /// Its value, if it is not the sum of weights times values.
+    value: Option<f64>,
+    /// Derivatives by the state that the reverse has reached; `None` behind the last weight.
+    adjoint: Option<StateAdjoint>,
     sums: Gradient,
 }
 
 impl Pass<'_, '_> {
-    /// Takes the steps of the motion.
-    fn forward(&mut self, result: &mut MotionResult) -> Result<()> {
+    /// Takes the steps of the motion, and finds the numbers that are differentiated.
+    fn forward(&mut self, result: &mut MotionResult, read: SeriesReader<'_>) -> Result<()> {
+        let mut values = Vec::new();
         for i in 0..self.task.steps {
             let share = 0.5 * f64::from(i) / f64::from(self.task.steps);
             ProgressScope::begin(self.task.progress, "steps", share)?;
@@ -225,8 +243,65 @@ impl Pass<'_, '_> {
             result.last = Some(self.step(i)?);
             result.taken += 1;
             result.computed += 1;
+            if let MotionQuantity::Series(quantity) = self.task.quantity {
+                values.push(self.value_now(quantity)?);
+                if let Some(numbers) = read(&values)? {
+                    let numbers = numbers.into_iter();
+                    let outputs = numbers.map(|(value, by)| self.output(by, Some(value)));
+                    self.outputs = outputs.collect();
+                    return Ok(());
+                }
+            }
         }
+        let weights = match self.task.quantity {
+            MotionQuantity::Integral(_) => vec![self.task.dt; self.task.steps as usize],
+            MotionQuantity::AtEnd(_) => {
+                let last = |i| f64::from(u8::from(i + 1 == self.task.steps));
+                (0..self.task.steps).map(last).collect()
+            }
+            MotionQuantity::Series(_) => {
+                return Err(Error::Input(format!(
+                    "{} steps of the motion do not determine the numbers of a series; take more",
+                    self.task.steps
+                )));
+            }
+        };
+        self.outputs = vec![self.output(weights, None)];
         Ok(())
+    }
+
+    /// Creates a number with its derivatives by the values after each step.
+    fn output(&self, weights: Vec<f64>, value: Option<f64>) -> Output {
+        Output {
+            weights,
+            value,
+            adjoint: None,
+            sums: Gradient {
+                derivatives: vec![0.0; self.task.parameters.len()],
+                ..Gradient::default()
+            },
+        }
+    }
+
+    /// Returns a quantity of the state after the last step.
+    fn value_now(&mut self, quantity: &Quantity) -> Result<f64> {
+        self.measure();
+        if let Some(state) = self.states.last() {
+            set_levels(&mut self.body, state);
+        }
+        let (_, value, _) = prepare(quantity, &self.body)?.into_seed(&self.body);
+        Ok(value)
+    }
+
+    /// Measures the positions and the forces of the engine.
+    fn measure(&mut self) {
+        self.body.x = self.engine.positions();
+        self.body.inertia.clear();
+        self.body.forces = MeasuredForces {
+            tools: self.engine.tool_forces(),
+            nodes: self.engine.forces(),
+            rigid: self.engine.rigid_forces(),
+        };
     }
 
     /// Takes the step of index `i`, and keeps its state.
@@ -252,88 +327,95 @@ impl Pass<'_, '_> {
         Ok(())
     }
 
-    /// Returns the quantity and its derivatives, from the last step to the first.
-    fn reverse(&mut self, computed: &mut u32) -> Result<Gradient> {
-        let segments = self.task.steps.div_ceil(self.segment);
+    /// Returns the numbers and their derivatives, from the last of the steps to the first.
+    fn reverse(&mut self, steps: u32, computed: &mut u32) -> Result<Vec<Gradient>> {
+        let segments = steps.div_ceil(self.segment);
         for k in (0..segments).rev() {
             if k + 1 < segments {
                 self.recompute(k as usize, computed)?;
             }
             for j in (1..self.states.len()).rev() {
                 let step = k * self.segment + j as u32;
-                let left = f64::from(step) / f64::from(self.task.steps);
+                let left = f64::from(step) / f64::from(steps);
                 ProgressScope::begin(self.task.progress, "gradient", 1.0 - 0.5 * left)?;
-                let weight = match self.task.quantity {
-                    MotionQuantity::AtEnd(_) if step < self.task.steps => 0.0,
-                    MotionQuantity::AtEnd(_) => 1.0,
-                    MotionQuantity::Integral(_) => self.task.dt,
-                };
-                if weight != 0.0 {
-                    self.add_quantity(j, weight)?;
+                for k in 0..self.outputs.len() {
+                    let weights = &self.outputs[k].weights;
+                    let weight = weights.get(step as usize - 1).copied().unwrap_or(0.0);
+                    if weight != 0.0 {
+                        self.add_quantity(j, k, weight)?;
+                    }
                 }
                 self.reverse_step(j)?;
             }
         }
-        self.add_start();
-        Ok(std::mem::take(&mut self.sums))
+        for k in 0..self.outputs.len() {
+            self.add_start(k);
+        }
+        let outputs = std::mem::take(&mut self.outputs).into_iter();
+        Ok(outputs
+            .map(|output| Gradient {
+                value: output.value.unwrap_or(output.sums.value),
+                ..output.sums
+            })
+            .collect())
     }
 
-    /// Adds the quantity after the step `j` of the segment, and its own derivatives.
-    fn add_quantity(&mut self, j: usize, weight: f64) -> Result<()> {
+    /// Adds the quantity after the step `j` of the segment to the number `k`, and its own derivatives.
+    fn add_quantity(&mut self, j: usize, k: usize, weight: f64) -> Result<()> {
         self.engine.show_state(&self.states[j])?;
-        self.set_levels(j);
-        self.body.x = self.engine.positions();
-        self.body.inertia.clear();
-        self.body.forces = MeasuredForces {
-            tools: self.engine.tool_forces(),
-            nodes: self.engine.forces(),
-            rigid: self.engine.rigid_forces(),
-        };
+        set_levels(&mut self.body, &self.states[j]);
+        self.measure();
         let prepared = prepare(self.task.quantity.at_one_time(), &self.body)?;
         let (seed, value, function) = prepared.into_seed(&self.body);
-        let own = self.engine.add_quantity(&seed, weight, &mut self.adjoint);
-        self.sums.value += weight * value;
+        let output = &mut self.outputs[k];
+        let adjoint = output.adjoint.get_or_insert_default();
+        let own = self.engine.add_quantity(&seed, weight, adjoint);
+        output.sums.value += weight * value;
         let sensitivity = Sensitivity::new(&self.body, &self.numbers, own, function);
-        add_derivatives(&mut self.sums, &sensitivity, self.task.parameters, weight)
+        add_derivatives(&mut output.sums, &sensitivity, self.task.parameters, weight)
     }
 
-    /// Sets the amplitudes of the body to those of the step `j` of the segment.
-    fn set_levels(&mut self, j: usize) {
-        let levels = self.states[j].levels();
-        if levels.len() == self.body.amplitudes.len() {
-            self.body.amplitudes.copy_from_slice(levels);
-        }
-    }
-
-    /// Turns the derivatives by the state after the step `j` of the segment into those by the state
-    /// before it.
+    /// Turns the derivatives by the state after the step `j` of the segment into those by the state before it.
     fn reverse_step(&mut self, j: usize) -> Result<()> {
+        let begun = self.outputs.iter_mut();
+        let begun = begun.filter_map(|own| Some((own.adjoint.as_mut()?, &mut own.sums)));
+        let (mut adjoints, sums): (Vec<&mut StateAdjoint>, Vec<&mut Gradient>) = begun.unzip();
+        if adjoints.is_empty() {
+            return Ok(());
+        }
         let seed = AdjointSeed {
             amplitudes: self.body.amplitudes.len(),
             ..AdjointSeed::default()
         };
-        self.set_levels(j);
+        set_levels(&mut self.body, &self.states[j]);
         let with = (self.body.network, &seed, self.task.parts);
         let states = [&self.states[j - 1], &self.states[j]];
         let found = self
             .engine
-            .reverse_step(states, self.task.dt, with, &mut self.adjoint)?;
-        if found.residual > MAX_RESIDUAL {
-            return Err(Error::Input(format!(
-                "a step of the motion did not converge: its net force is {:.1e} times its largest force; take shorter steps",
-                found.residual
-            )));
+            .reverse_step(states, self.task.dt, with, &mut adjoints)?;
+        for (found, sums) in found.into_iter().zip(sums) {
+            if found.residual > MAX_RESIDUAL {
+                return Err(Error::Input(format!(
+                    "a step of the motion did not converge: its net force is {:.1e} times its largest force; take shorter steps",
+                    found.residual
+                )));
+            }
+            sums.imbalance = sums.imbalance.max(found.residual);
+            sums.iterations += found.solution.iterations;
+            (self.body.x, self.body.inertia) = (found.positions, found.inertia);
+            let sensitivity = Sensitivity::new(&self.body, &self.numbers, found.solution, None);
+            add_derivatives(sums, &sensitivity, self.task.parameters, 1.0)?;
         }
-        self.sums.imbalance = self.sums.imbalance.max(found.residual);
-        self.sums.iterations += found.solution.iterations;
-        (self.body.x, self.body.inertia) = (found.positions, found.inertia);
-        let sensitivity = Sensitivity::new(&self.body, &self.numbers, found.solution, None);
-        add_derivatives(&mut self.sums, &sensitivity, self.task.parameters, 1.0)
+        Ok(())
     }
 
-    /// Adds the derivatives through the first state.
-    fn add_start(&mut self) {
-        let [by_position, by_velocity] = self.engine.by_state(&self.adjoint);
+    /// Adds the derivatives of the number `k` through the first state.
+    fn add_start(&mut self, k: usize) {
+        let Output { adjoint, sums, .. } = &mut self.outputs[k];
+        let Some(adjoint) = adjoint else {
+            return;
+        };
+        let [by_position, by_velocity] = self.engine.by_state(adjoint);
         let body = &self.body;
         let unit = body.network.length_unit;
         let start = |parameter: &Parameter| -> f64 {
@@ -360,10 +442,18 @@ impl Pass<'_, '_> {
                 _ => 0.0,
             }
         };
-        let all = self.sums.derivatives.iter_mut().zip(self.task.parameters);
+        let all = sums.derivatives.iter_mut().zip(self.task.parameters);
         for (sum, parameter) in all {
             *sum += start(parameter);
         }
+    }
+}
+
+/// Sets the amplitudes of the body to those of the step to a state.
+fn set_levels(body: &mut Equilibrium<'_>, state: &MotionState) {
+    let levels = state.levels();
+    if levels.len() == body.amplitudes.len() {
+        body.amplitudes.copy_from_slice(levels);
     }
 }
 

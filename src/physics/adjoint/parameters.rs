@@ -55,11 +55,14 @@ pub(super) fn gradient(
                     .into(),
             ));
         }
-        if let Parameter::ToolFriction { .. } = parameter {
-            return Err(Error::Input(
-                "friction has no part in a body at rest; take the gradient of a motion".into(),
-            ));
-        }
+        let of_motion = match parameter {
+            Parameter::ToolFriction { .. } => "friction",
+            Parameter::DampingTime | Parameter::MassDamping => "damping",
+            _ => continue,
+        };
+        return Err(Error::Input(format!(
+            "{of_motion} has no part in a body at rest; take the gradient of a motion"
+        )));
     }
     let (seed, value, function) = prepare(quantity, body)?.into_seed(body);
     let solution = adjoint.adjoint(&seed)?;
@@ -121,6 +124,13 @@ impl Equilibrium<'_> {
                     ))),
                 }
             }
+            Parameter::MassDamping => Ok(()),
+            Parameter::DampingTime => match self.network.damping_time > 0.0 {
+                true => Ok(()),
+                false => Err(Error::Input(
+                    "the body has no stiffness-proportional damping, so that there is no derivative by it; set some ([material] damping_ratio, damping_hz)".into(),
+                )),
+            },
             Parameter::Support { nodes, .. } => self.check_fixed(nodes),
             Parameter::RestPosition { node, .. } => check_rest_position(self, *node),
         }
@@ -175,6 +185,8 @@ impl<'a> Sensitivity<'a> {
             }
             Parameter::ToolRotation { tool, axis } => solution.tools[tool.0].rotation.dot(*axis),
             Parameter::ToolFriction { tool } => solution.tools[tool.0].friction,
+            Parameter::DampingTime => solution.damping[0],
+            Parameter::MassDamping => solution.damping[1],
             Parameter::Support { nodes, direction } => {
                 let supports = nodes.iter().map(|v| solution.supports[*v as usize]);
                 supports.map(|s| s.dot(*direction)).sum::<f64>() * unit

@@ -1,14 +1,14 @@
 //! Gradients of tetrahedral bodies on the CPU.
 
 use super::equilibrium::{Equilibrium, MeasuredForces, check_balance, elements_of_tets};
-use super::motion::{MotionQuantity, MotionTask, STATE_MEMORY, gradient_of_motion};
+use super::motion::{MotionQuantity, MotionTask, STATE_MEMORY, gradients_of_motion};
 use super::parameters::gradient;
 use crate::mesh::TetMesh;
 use crate::physics::cpu::{BodyModel, CpuTetModel, StepFailure, StepParts, step_load_update};
 use crate::physics::simulator::time_step::check_time_step;
 use crate::physics::{
     CpuTets, Gradient, Gradients, LoadSchedule, Loads, Parameter, Precision, Quantity, ScaledLoad,
-    Simulator,
+    SeriesReader, Simulator,
 };
 use crate::progress::ProgressFn;
 use crate::{Error, Result};
@@ -35,18 +35,56 @@ impl Gradients for CpuTets {
 
     fn gradient_of_motion(
         &mut self,
-        (steps, dt): (u32, f64),
+        steps: (u32, f64),
         quantity: &Quantity,
         integral: bool,
         parameters: &[Parameter],
         schedule: Option<LoadSchedule<'_>>,
         progress: ProgressFn<'_>,
     ) -> Result<Gradient> {
-        check_time_step(dt)?;
         let quantity = match integral {
             true => MotionQuantity::Integral(quantity.clone()),
             false => MotionQuantity::AtEnd(quantity.clone()),
         };
+        let by = (parameters, progress);
+        let found =
+            self.gradients_over_steps(steps, &quantity, (schedule, &mut |_| Ok(None)), by)?;
+        Ok(found.into_iter().next().unwrap_or_default())
+    }
+
+    fn gradients_of_series(
+        &mut self,
+        steps: (u32, f64),
+        quantity: &Quantity,
+        read: SeriesReader<'_>,
+        parameters: &[Parameter],
+        progress: ProgressFn<'_>,
+    ) -> Result<Vec<Gradient>> {
+        let quantity = MotionQuantity::Series(quantity.clone());
+        self.gradients_over_steps(steps, &quantity, (None, read), (parameters, progress))
+    }
+
+    fn use_double_precision(&mut self) -> Result<()> {
+        self.finish()?;
+        if self.model.precision == Precision::Double {
+            return Ok(());
+        }
+        let (positions, velocities) = (self.positions()?, self.velocities()?);
+        self.model.precision = Precision::Double;
+        self.rebuild_body(&positions, &velocities)
+    }
+}
+
+impl CpuTets {
+    /// Takes steps and returns the gradients of the numbers of a quantity.
+    fn gradients_over_steps(
+        &mut self,
+        (steps, dt): (u32, f64),
+        quantity: &MotionQuantity,
+        (schedule, read): (Option<LoadSchedule<'_>>, SeriesReader<'_>),
+        (parameters, progress): (&[Parameter], ProgressFn<'_>),
+    ) -> Result<Vec<Gradient>> {
+        check_time_step(dt)?;
         prepare(self, "a gradient of a motion")?;
         let faces = self.boundary();
         let before = self.progress;
@@ -93,7 +131,7 @@ impl Gradients for CpuTets {
                 steps,
                 dt,
                 scheme: self.model.kind,
-                quantity: &quantity,
+                quantity,
                 parameters,
                 memory: STATE_MEMORY,
                 parts: StepParts::default(),
@@ -101,25 +139,15 @@ impl Gradients for CpuTets {
                 error: &error,
             };
             let adjoint = body.motion_adjoint().ok_or_else(single_precision)?;
-            gradient_of_motion(moving, adjoint, &task, &mut of_step)
+            gradients_of_motion(moving, adjoint, &task, &mut of_step, read)
         };
         self.loads = loads;
         // After an error the body may have some of the loads of the next step only.
-        self.synced_loads = done.gradient.is_ok().then_some(self.loads.versions);
+        self.synced_loads = done.gradients.is_ok().then_some(self.loads.versions);
         self.progress = self.worker.count_steps(done.taken, dt, done.last);
         self.changes += 1;
         self.upload_now()?;
-        done.gradient
-    }
-
-    fn use_double_precision(&mut self) -> Result<()> {
-        self.finish()?;
-        if self.model.precision == Precision::Double {
-            return Ok(());
-        }
-        let (positions, velocities) = (self.positions()?, self.velocities()?);
-        self.model.precision = Precision::Double;
-        self.rebuild_body(&positions, &velocities)
+        done.gradients
     }
 }
 

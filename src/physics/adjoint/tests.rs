@@ -374,6 +374,8 @@ impl Case {
             Parameter::InitialVelocity { node, direction } => {
                 case.velocities[*node as usize] += by * *direction;
             }
+            Parameter::DampingTime => case.material.damping_time += by,
+            Parameter::MassDamping => case.material.mass_damping += by,
         }
         case
     }
@@ -395,6 +397,8 @@ impl Case {
             Parameter::Support { .. } => 2e-5,
             Parameter::RestPosition { .. } | Parameter::InitialPosition { .. } => 2e-5,
             Parameter::InitialVelocity { .. } => 2e-3,
+            Parameter::DampingTime => 2e-5,
+            Parameter::MassDamping => 0.2,
         };
         self.difference * step
     }

@@ -112,6 +112,10 @@ pub enum Parameter {
         /// The tool.
         tool: ToolId,
     },
+    /// Time of stiffness-proportional damping, s, of a body that has some; of a motion.
+    DampingTime,
+    /// Rate of mass-proportional damping, 1/s, of finite elements; of a motion.
+    MassDamping,
     /// Position of fixed nodes along a direction, in file units.
     Support {
         /// The nodes: pinned, or held by grabs.
@@ -161,6 +165,11 @@ pub struct Gradient {
 /// Sets the loads of the step of an index.
 pub(crate) type LoadSchedule<'a> = &'a mut dyn FnMut(u32, &mut Loads) -> Result<()>;
 
+/// Gets the values of a quantity after each step so far. Returns numbers that they determine, each with its
+/// derivatives by the values, or `None` for another step.
+pub(crate) type SeriesReader<'a> =
+    &'a mut dyn FnMut(&[f64]) -> Result<Option<Vec<(f64, Vec<f64>)>>>;
+
 /// Gradients by the adjoint method: one linear solve for any number of parameters, in a motion one
 /// for each step.
 pub trait Gradients {
@@ -199,6 +208,22 @@ pub trait Gradients {
         schedule: Option<LoadSchedule<'_>>,
         progress: ProgressFn<'_>,
     ) -> Result<Gradient>;
+
+    /// Takes steps as [`Gradients::gradient_of_motion`], under constant loads, until `read` returns numbers
+    /// that the values of a quantity after every step determine, such as a period; at most `steps`. Returns
+    /// each number and its derivatives by parameters: one pass forward, and one back for each number.
+    ///
+    /// # Errors
+    /// As [`Gradients::gradient_of_motion`], those of `read`, and [`Error::Input`](crate::Error::Input) if
+    /// it returns none.
+    fn gradients_of_series(
+        &mut self,
+        steps: (u32, f64),
+        quantity: &Quantity,
+        read: SeriesReader<'_>,
+        parameters: &[Parameter],
+        progress: ProgressFn<'_>,
+    ) -> Result<Vec<Gradient>>;
 
     /// Steps the body in double precision from now on; it keeps its state.
     ///

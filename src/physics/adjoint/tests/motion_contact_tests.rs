@@ -199,7 +199,7 @@ fn has_derivative(case: &Case, kind: SolverKind, parameter: &Parameter) -> bool 
     let is_soft = |node: &u32| !rigid.contains(&(*node as usize));
     match parameter {
         Parameter::Young { tets } | Parameter::Poisson { tets } => *tets == case.region(0.0),
-        Parameter::Density { .. } => kind != SolverKind::Midpoint,
+        Parameter::Density { .. } | Parameter::MassDamping => kind != SolverKind::Midpoint,
         Parameter::RestPosition { node, .. } => is_soft(node) && kind != SolverKind::Midpoint,
         Parameter::InitialPosition { node, .. } | Parameter::InitialVelocity { node, .. } => {
             is_soft(node)
@@ -239,23 +239,22 @@ fn shift_of_path(case: &Case) -> Parameter {
 
 #[test]
 fn gradients_of_motion_against_driven_tool_match_differences() {
-    for kind in SCHEMES {
-        let mut case = bar_against_sphere(kind, 0.3);
-        case.is_driven = true;
-        case.difference = 0.01;
-        let force = Quantity::ToolForce {
-            tool: ToolId(0),
-            direction: DVec3::new(1.0, -0.6, 0.3),
-        };
-        let of = [AtEnd(force), of_motion(&case).remove(1)];
-        assert!(case.motion_values(&of)[0].abs() > 1e-3);
-        let mut by = super::contact_tests::tool_parameters();
-        // A sphere has no derivative by its rotation.
-        by.pop();
-        by.extend([shift_of_path(&case), FRICTION]);
-        by.extend(of_body(&case).into_iter().step_by(thinning(kind, 4)));
-        case.check_motion(&of, &by);
-    }
+    // The schemes share what a path changes.
+    let mut case = bar_against_sphere(SolverKind::Bdf2, 0.3);
+    case.is_driven = true;
+    case.difference = 0.01;
+    let force = Quantity::ToolForce {
+        tool: ToolId(0),
+        direction: DVec3::new(1.0, -0.6, 0.3),
+    };
+    let of = [AtEnd(force), of_motion(&case).remove(1)];
+    assert!(case.motion_values(&of)[0].abs() > 1e-3);
+    let mut by = super::contact_tests::tool_parameters();
+    // A sphere has no derivative by its rotation.
+    by.pop();
+    by.extend([shift_of_path(&case), FRICTION]);
+    by.extend(of_body(&case).into_iter().step_by(4));
+    case.check_motion(&of, &by);
 }
 
 #[test]
@@ -267,7 +266,7 @@ fn driven_motion_in_little_memory_takes_its_steps_twice() {
         let mut settled = case.start();
         let parts = StepParts::default();
         let result = case.motion(&mut settled, (&of, &by), (parts, memory));
-        (result.gradient.unwrap(), settled.body.positions())
+        (result.gradients.unwrap(), settled.body.positions())
     };
     assert_eq!(run(usize::MAX), run(0));
 }

@@ -5,12 +5,12 @@ use super::material_tests::{parameters, poisson, quadratic_bar, quantities, stre
 use super::*;
 use crate::Error;
 use crate::physics::adjoint::motion::{
-    MotionQuantity, MotionResult, MotionTask, gradient_of_motion,
+    MotionQuantity, MotionResult, MotionTask, gradients_of_motion,
 };
 use crate::physics::cpu::{StepFailure, StepParts, Steppable};
 use crate::physics::{AmplitudeId, Shape, VolumetricFormulation};
 use crate::progress::no_progress;
-use MotionQuantity::{AtEnd, Integral};
+use MotionQuantity::{AtEnd, Integral, Series};
 
 pub(super) const TOLERANCE: f64 = 1e-6;
 
@@ -57,6 +57,21 @@ pub(super) fn of_motion(case: &Case) -> Vec<MotionQuantity> {
         .collect()
 }
 
+/// The derivative of the numbers of a series by ½ of the square of the value after a step.
+fn weight(step: u32) -> f64 {
+    2.0 - 0.3 * f64::from(step)
+}
+
+/// Returns two numbers that the values after `steps` steps determine: the last one, and a sum of squares.
+fn squares(values: &[f64], steps: u32) -> Option<Vec<(f64, Vec<f64>)>> {
+    let all = || values.iter().zip(1..);
+    let sum = all().map(|(x, k)| weight(k) * x * x).sum();
+    let by = all().map(|(x, k)| 2.0 * weight(k) * x).collect();
+    let mut last = vec![0.0; values.len()];
+    *last.last_mut()? = 1.0;
+    (values.len() as u32 == steps).then(|| vec![(values[values.len() - 1], last), (sum, by)])
+}
+
 fn of_start(case: &Case) -> Vec<Parameter> {
     let node = node_at(&case.mesh, DVec3::new(0.08, 0.03, 0.05));
     let direction = DVec3::new(0.5, -0.8, 0.6);
@@ -73,6 +88,9 @@ pub(super) fn of_body(case: &Case) -> Vec<Parameter> {
     all.extend(of_start(case));
     let is_damped = case.material.damping_time > 0.0;
     all.retain(|p| !(is_damped && matches!(p, Parameter::RestPosition { .. })));
+    if is_damped {
+        all.extend([Parameter::DampingTime, Parameter::MassDamping]);
+    }
     all
 }
 
@@ -93,6 +111,7 @@ impl Case {
                     Integral(_) => *sum += self.dt * value,
                     AtEnd(_) if step == self.steps => *sum = value,
                     AtEnd(_) => {}
+                    Series(_) => *sum += weight(step) * value * value,
                 }
             }
         }
@@ -126,8 +145,9 @@ impl Case {
             progress: &no_progress,
             error: &|failure: StepFailure, _| Error::Input(failure.to_string()),
         };
-        gradient_of_motion(at_start, body, &task, &mut |step| {
-            Ok(self.step_loads(network, step))
+        let mut loads = |step| Ok(self.step_loads(network, step));
+        gradients_of_motion(at_start, body, &task, &mut loads, &mut |values| {
+            Ok(squares(values, self.steps))
         })
     }
 
@@ -136,8 +156,11 @@ impl Case {
         of: (&MotionQuantity, &[Parameter]),
         parts: StepParts,
     ) -> crate::Result<Gradient> {
-        self.motion(&mut self.start(), of, (parts, usize::MAX))
-            .gradient
+        let found = self.motion(&mut self.start(), of, (parts, usize::MAX));
+        // Of a series the second number.
+        found
+            .gradients
+            .map(|all| all.into_iter().next_back().unwrap())
     }
 
     /// Returns the derivatives of quantities of the motion by differences.
@@ -267,6 +290,32 @@ fn gradients_of_motion_on_floor_match_differences() {
     case.check_motion(&of_motion(&case)[..4], &by);
 }
 
+/// Two numbers of one motion, of which one depends on all values and the other on the last one.
+#[test]
+fn gradients_of_series_match_differences() {
+    let mut case = damped(moving(bar(MaterialModel::NeoHookean), SolverKind::Bdf2));
+    case.steps = 7;
+    let quantity = quantities(&case).remove(1);
+    case.check_motion(&[Series(quantity.clone())], &of_body(&case));
+    let by = of_body(&case);
+    let of = |quantity: &MotionQuantity, memory: usize| {
+        let mut settled = case.start();
+        let result = case.motion(
+            &mut settled,
+            (quantity, &by),
+            (StepParts::default(), memory),
+        );
+        (result.gradients.unwrap(), settled.body.positions())
+    };
+    let (series, ends) = of(&Series(quantity.clone()), usize::MAX);
+    assert_eq!(
+        (&series, &ends),
+        (&of(&Series(quantity.clone()), 0).0, &ends)
+    );
+    let (at_end, same) = of(&AtEnd(quantity), usize::MAX);
+    assert_eq!((&series[..1], ends), (&at_end[..], same));
+}
+
 #[test]
 fn motion_in_little_memory_takes_its_steps_twice() {
     for kind in SCHEMES {
@@ -283,7 +332,7 @@ fn motion_in_little_memory_takes_its_steps_twice() {
         let (whole, short) = (run(usize::MAX), run(0));
         assert_eq!(whole.0.computed, case.steps);
         assert!(short.0.computed > case.steps && short.0.computed < 2 * case.steps);
-        assert_eq!(whole.0.gradient.unwrap(), short.0.gradient.unwrap());
+        assert_eq!(whole.0.gradients.unwrap(), short.0.gradients.unwrap());
         assert_eq!((&whole.1, &whole.2), (&short.1, &short.2));
         // The body ends as after the steps alone.
         let mut settled = case.start();

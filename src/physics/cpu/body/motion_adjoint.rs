@@ -149,8 +149,8 @@ impl MotionAdjoint for CpuBody<f64> {
         [from, to]: [&MotionState; 2],
         dt: f64,
         (network, seed, parts): (&DiscreteModel, &AdjointSeed, StepParts),
-        adjoint: &mut StateAdjoint,
-    ) -> Result<StepAdjoint> {
+        adjoints: &mut [&mut StateAdjoint],
+    ) -> Result<Vec<StepAdjoint>> {
         let plan = Arc::clone(&self.plan);
         plan.in_pool(|| {
             let from = &from.with_constraints(&to.step);
@@ -159,20 +159,38 @@ impl MotionAdjoint for CpuBody<f64> {
             for term in &mut self.terms {
                 term.freeze_damping(&plan, &step.lagged);
             }
-            let mut iterations = 0;
             let forces = self.net_forces(&step, &from.u);
-            let of_end = (&mut *adjoint, &mut iterations);
-            let (solved, ends) = self.solve_step((&step, to), (parts, &forces), of_end)?;
-            let (z, at) = (&solved[0], (&step, &from.u[..]));
-            let mut found = self.step_derivatives(at, (z, &forces), seed);
-            found.solution.iterations = iterations;
-            self.pull_back(at, &solved, parts, adjoint);
+            let mut all = Vec::new();
+            for adjoint in adjoints.iter_mut() {
+                let mut iterations = 0;
+                let of_end = (&mut **adjoint, &mut iterations);
+                let (solved, ends) = self.solve_step((&step, to), (parts, &forces), of_end)?;
+                all.push((solved, ends, iterations));
+            }
+            let at = (&step, &from.u[..]);
+            let mut found = Vec::new();
+            for (adjoint, (solved, _, iterations)) in adjoints.iter_mut().zip(&all) {
+                let z = &solved[0];
+                let mut own = self.step_derivatives(at, (z, &forces), seed);
+                own.solution.iterations = *iterations;
+                own.solution.damping = self.damping_slopes(&step, network, z);
+                self.pull_back(at, solved, parts, adjoint);
+                found.push(own);
+            }
             if parts.damping && network.damping_time > 0.0 {
-                found.solution.lame = self.pull_back_damping(&step, network, z, adjoint);
+                let solved: Vec<&[V4<f64>]> =
+                    all.iter().map(|(solved, ..)| &solved[0][..]).collect();
+                let lame = self.pull_back_damping(&step, network, &solved, adjoints);
+                for (own, lame) in found.iter_mut().zip(lame) {
+                    own.solution.lame = lame;
+                }
             }
             let start = (&from.poses[..], &from.v[..]);
-            self.pull_back_rigid(start, (&step, z), &ends, adjoint);
-            found.solution.supports = self.drop_constrained(&to.step, adjoint);
+            let each = adjoints.iter_mut().zip(&all).zip(&mut found);
+            for ((adjoint, (solved, ends, _)), own) in each {
+                self.pull_back_rigid(start, (&step, &solved[0]), ends, adjoint);
+                own.solution.supports = self.drop_constrained(&to.step, adjoint);
+            }
             Ok(found)
         })
     }

@@ -245,25 +245,49 @@ impl CpuBody<f64> {
         }
     }
 
-    /// Adds the derivatives of −z·D(u*) w by u* to those by the start of a step; returns those by
+    /// Adds the derivatives of −z·D(u*) w by u*, for each z, to those by the start of a step; returns those by
     /// the Lamé parameters of every element.
     pub(super) fn pull_back_damping(
         &self,
         step: &Step,
         network: &DiscreteModel,
-        z: &[V4<f64>],
-        adjoint: &mut StateAdjoint,
-    ) -> Vec<[f64; 2]> {
+        solved: &[&[V4<f64>]],
+        adjoints: &mut [&mut StateAdjoint],
+    ) -> Vec<Vec<[f64; 2]>> {
         let layout = (&self.engine_index[..], &self.units);
-        let vectors = [&step.lagged[..], z, &step.w];
-        let found = damping_derivatives(network, layout, vectors);
+        let found = damping_derivatives(network, layout, [&step.lagged, &step.w], solved);
         let ahead = lag(self.scheme(), &step.coefficients);
-        for (i, g) in found.by_position.iter().enumerate() {
-            adjoint.u[i] = sub(adjoint.u[i], *g);
-            adjoint.v[i] = add_scaled(adjoint.v[i], -ahead, *g);
+        let mut by_lame = Vec::new();
+        for (adjoint, found) in adjoints.iter_mut().zip(found) {
+            for (i, g) in found.by_position.iter().enumerate() {
+                adjoint.u[i] = sub(adjoint.u[i], *g);
+                adjoint.v[i] = add_scaled(adjoint.v[i], -ahead, *g);
+            }
+            let negative = found.by_lame.into_iter();
+            by_lame.push(negative.map(|lame| lame.map(|by| -by)).collect());
         }
-        let negative = found.by_lame.into_iter();
-        negative.map(|lame| lame.map(|by| -by)).collect()
+        by_lame
+    }
+
+    /// Returns −z·D w/β and −z·M w: the derivatives by β, the time of stiffness-proportional damping, and by
+    /// α, the rate of mass-proportional damping, 1/s and s.
+    pub(super) fn damping_slopes(
+        &self,
+        step: &Step,
+        network: &DiscreteModel,
+        z: &[V4<f64>],
+    ) -> [f64; 2] {
+        let work = |f: &[V4<f64>]| -> f64 {
+            let all = f.iter().zip(z);
+            all.map(|(f, z)| to_dvec(*f).dot(to_dvec(*z))).sum()
+        };
+        let momenta = step.w.iter().zip(&self.masses).zip(&self.free_mask);
+        let momenta: Slots = momenta.map(|((w, m), free)| scale(m * free, *w)).collect();
+        let by_time = match network.damping_time > 0.0 {
+            true => work(&self.damping_product(&step.lagged, &step.w)) / network.damping_time,
+            false => 0.0,
+        };
+        [-by_time, -work(&momenta) * self.units.time]
     }
 
     /// Returns the derivatives by what enters a step besides its start, and its residual.

@@ -163,8 +163,9 @@ pub(in crate::physics) trait MotionAdjoint: TetBody {
         adjoint: &mut StateAdjoint,
     ) -> AdjointSolution;
 
-    /// Turns the derivatives `adjoint` by the state after a step of `dt` seconds into those by the
-    /// state before it. `states` are both; `with` has the model of this body.
+    /// Turns the derivatives `adjoints` of several quantities by the state after a step of `dt` seconds into
+    /// those by the state before it. `states` are both; `with` has the model of this body. Returns the
+    /// derivatives of each by what enters the step.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if the step is not at a strict minimum of its
@@ -174,8 +175,8 @@ pub(in crate::physics) trait MotionAdjoint: TetBody {
         states: [&MotionState; 2],
         dt: f64,
         with: (&DiscreteModel, &AdjointSeed, StepParts),
-        adjoint: &mut StateAdjoint,
-    ) -> Result<StepAdjoint>;
+        adjoints: &mut [&mut StateAdjoint],
+    ) -> Result<Vec<StepAdjoint>>;
 
     /// Returns the derivatives by the positions, 1/m, and by the velocities, s/m, of every node.
     fn by_state(&self, adjoint: &StateAdjoint) -> [Vec<DVec3>; 2];

@@ -77,6 +77,8 @@ pub(in crate::physics) struct AdjointSolution {
     pub static_speed: f64,
     /// By the Lamé parameters of each element through the damping of a step; empty without.
     pub lame: Vec<[f64; 2]>,
+    /// In a step: by the time of stiffness-proportional and the rate of mass-proportional damping, 1/s and s.
+    pub damping: [f64; 2],
     /// By each amplitude.
     pub amplitudes: Vec<f64>,
     /// Iterations of conjugate gradients.
