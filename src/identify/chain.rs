@@ -91,6 +91,36 @@ impl MeasuredBody<'_> {
         }
         Ok(chain)
     }
+
+    /// As [`MeasuredBody::chain`], of a motion: also by the damping ratio.
+    pub(super) fn chain_of_motion(
+        &self,
+        values: &[f64],
+        simulator: &dyn Simulator,
+    ) -> Result<Chain> {
+        let mut chain = self.chain((values, false), simulator)?;
+        let Some(model) = simulator.model() else {
+            return Ok(chain);
+        };
+        let rate = model
+            .elements()
+            .map_or(0.0, |elements| elements.mass_damping);
+        for (k, unknown) in self.unknowns.iter().enumerate() {
+            if unknown.kind != Kind::DampingRatio {
+                continue;
+            }
+            // Both are in proportion to it.
+            let own = [
+                (Parameter::DampingTime, model.damping_time),
+                (Parameter::MassDamping, rate),
+            ];
+            for (parameter, value) in own {
+                chain.terms[k].push((chain.parameters.len(), value / values[k]));
+                chain.parameters.push(parameter);
+            }
+        }
+        Ok(chain)
+    }
 }
 
 /// Returns the parameter of the engine that an unknown of a tissue or a load is.

@@ -4,6 +4,7 @@ use super::IdentifyOptions;
 use super::data::{Experiment, ExperimentKind, Observed, Presses};
 use super::lump::{FACTOR_FIELD, Lump, LumpElements};
 use super::recorded_body::RecordedBody;
+use super::recording::Recorded;
 use super::stiffness_grid::{self, StiffnessGrid};
 use super::unknown::{Kind, ScaledUnknown, Unknown};
 use crate::accuracy::of_order;
@@ -213,6 +214,11 @@ impl<'a> MeasuredBody<'a> {
         &self.sigma
     }
 
+    /// Order of the elements.
+    pub fn order(&self) -> ElementOrder {
+        self.mesh.order
+    }
+
     /// Metres per file unit.
     pub fn unit(&self) -> f64 {
         self.unit
@@ -293,9 +299,12 @@ impl<'a> MeasuredBody<'a> {
                     }
                 }
                 BodyExperimentKind::Recorded(recorded) => {
-                    let own = match recorded.is_over_time() {
-                        true => self.predict_over_time(recorded, values, progress),
-                        false => self.predict_rest(recorded, values),
+                    let own = match recorded.recorded {
+                        Recorded::Swing { .. } => self.predict_swing(recorded, values, progress),
+                        Recorded::Motion { .. } => {
+                            self.predict_over_time(recorded, values, progress)
+                        }
+                        Recorded::AtRest { .. } => self.predict_rest(recorded, values),
                     };
                     let own = own.map_err(|error| match error {
                         Error::Input(what) => Error::Input(format!("{}: {what}", experiment.name)),

@@ -16,6 +16,7 @@ mod marker_motion;
 mod picture;
 mod predict_presses;
 mod predict_recordings;
+mod predict_swing;
 mod profile;
 mod readings;
 mod recorded_body;

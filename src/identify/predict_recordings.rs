@@ -1,15 +1,21 @@
 //! What a scene predicts for recordings, with derivatives.
 
+use super::chain::Chain;
 use super::forward::{MeasuredBody, Prediction};
 use super::recorded_body::RecordedBody;
-use crate::physics::Gradient;
-use crate::{ProgressFn, Result};
+use super::unknown::ScaledUnknown;
+use crate::mesh::ElementOrder;
+use crate::physics::{Gradient, Simulator};
+use crate::{Error, ProgressFn, Result};
 use std::cell::OnceCell;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Change of θ of the differences of a swing or a motion.
 const DIFFERENCE: f64 = 0.02;
+/// Largest number of unknowns whose differences of a swing take less time than its adjoint, of linear and of
+/// quadratic tets: in each step it differentiates the Hessian of every element for the damping.
+const MOST_DIFFERENCES: [usize; 2] = [30, 50];
 
 impl MeasuredBody<'_> {
     /// Predicts a recording at rest, with derivatives by the adjoint method.
@@ -26,18 +32,53 @@ impl MeasuredBody<'_> {
             chain.set(own).ok();
             Ok(parameters)
         })?;
-        let slopes = |gradient: &Gradient| {
-            let chain = chain.get();
-            chain.map_or(Vec::new(), |chain| chain.by_unknowns(&gradient.derivatives))
-        };
-        Ok(Prediction {
-            slopes: found.iter().map(slopes).collect(),
-            numbers: found.iter().map(|gradient| gradient.value).collect(),
-        })
+        Ok(prediction_of(&found, chain.get()))
     }
 
-    /// Predicts a swing or a motion, with derivatives by differences: those of all numbers take one motion for
-    /// each unknown, by the adjoint method two for each number.
+    /// Predicts a swing, with derivatives by differences of a few unknowns and by the adjoint method of many; by
+    /// differences also where a motion has no adjoint: of springs, rigid regions, averaged volumes under damping
+    /// and loads over time.
+    pub(super) fn predict_swing(
+        &self,
+        recorded: &RecordedBody,
+        values: &[f64],
+        progress: ProgressFn,
+    ) -> Result<Prediction> {
+        let is_of_tool = |unknown: &ScaledUnknown| unknown.kind.is_of_tools();
+        let most = match self.order() {
+            ElementOrder::Linear => MOST_DIFFERENCES[0],
+            ElementOrder::Quadratic => MOST_DIFFERENCES[1],
+        };
+        if self.unknowns.len() <= most || self.unknowns.iter().any(is_of_tool) {
+            return self.predict_over_time(recorded, values, progress);
+        }
+        match self.predict_swing_by_adjoint(recorded, values, progress) {
+            Err(Error::Input(_)) => self.predict_over_time(recorded, values, progress),
+            found => found,
+        }
+    }
+
+    /// Predicts a swing, with derivatives by the adjoint method.
+    pub(super) fn predict_swing_by_adjoint(
+        &self,
+        recorded: &RecordedBody,
+        values: &[f64],
+        progress: ProgressFn,
+    ) -> Result<Prediction> {
+        let (scene, mesh) = self.with_values(values);
+        let chain = OnceCell::new();
+        let parameters = |simulator: &dyn Simulator| {
+            let own = self.chain_of_motion(values, simulator)?;
+            let parameters = own.parameters.clone();
+            chain.set(own).ok();
+            Ok(parameters)
+        };
+        let body = (self.gpu, &scene, &mesh);
+        let found = recorded.swing_gradients(body, &parameters, progress)?;
+        Ok(prediction_of(&found, chain.get()))
+    }
+
+    /// Predicts a swing or a motion, with derivatives by differences: one motion for each unknown.
     pub(super) fn predict_over_time(
         &self,
         recorded: &RecordedBody,
@@ -74,6 +115,17 @@ impl MeasuredBody<'_> {
             slopes: slopes.collect(),
             numbers,
         })
+    }
+}
+
+/// Returns numbers with their derivatives by the unknowns.
+fn prediction_of(found: &[Gradient], chain: Option<&Chain>) -> Prediction {
+    let slopes = |gradient: &Gradient| {
+        chain.map_or(Vec::new(), |chain| chain.by_unknowns(&gradient.derivatives))
+    };
+    Prediction {
+        slopes: found.iter().map(slopes).collect(),
+        numbers: found.iter().map(|gradient| gradient.value).collect(),
     }
 }
 

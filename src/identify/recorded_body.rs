@@ -3,7 +3,7 @@
 use super::data::Observed;
 use super::readings::Readings;
 use super::recording::{Recorded, Recording};
-use super::swing::{Swing, lowest_points, swing_of};
+use super::swing::Swing;
 use crate::accuracy::{EQUILIBRIUM_TOLERANCE, quasi_static_step, settle};
 use crate::gpu::Gpu;
 use crate::mesh::{BarycentricMap, TetMesh};
@@ -17,18 +17,10 @@ use glam::DVec3;
 /// Names of the numbers of a swing.
 const PERIOD: &str = "period (s)";
 const RATIO: &str = "amplitude ratio";
-/// Longest time step of a swing, s, and least number of steps in a period.
-const LONGEST_STEP: f64 = 0.0025;
-const STEPS_A_PERIOD: f64 = 40.0;
-/// Largest number of further steps until the body is at rest, and of searches for the start of a swing.
+/// Largest number of further steps until the body is at rest.
 const MAX_MORE_STEPS: u32 = 12;
-const MAX_SEARCHES: u32 = 8;
 /// Largest number of increments of gravity.
 const MAX_INCREMENTS: u32 = 64;
-/// Error of the start of a swing relative to its amplitude.
-const START_TOLERANCE: f64 = 1e-4;
-/// Longest motion that is simulated, over the one that was recorded.
-const LONGEST_SWING: f64 = 2.0;
 
 /// A recording in the frame and unit of a body.
 #[derive(Clone, Debug)]
@@ -44,7 +36,7 @@ pub(super) struct MarkedBody {
     pub motion: Motion,
     rest: Vec<DVec3>,
     /// Nodes that carry each marker, with weights.
-    carriers: Vec<Vec<(u32, f64)>>,
+    pub(super) carriers: Vec<Vec<(u32, f64)>>,
 }
 
 impl RecordedBody {
@@ -165,10 +157,9 @@ impl RecordedBody {
         if kind == SolverKind::Implicit {
             scene.solver.tolerance.get_or_insert(EQUILIBRIUM_TOLERANCE);
         }
-        let is_motion = matches!(self.recorded, Recorded::Motion { .. });
         let (mut motion, _) = Motion::new(gpu, &scene, kind, mesh.clone(), None)?;
         motion.set_sleep_allowed(false);
-        if kind == SolverKind::Implicit || is_motion {
+        if kind == SolverKind::Implicit || matches!(self.recorded, Recorded::Motion { .. }) {
             let gradients = motion.simulator.gradients();
             Capability::Gradients
                 .require(gradients)?
@@ -268,70 +259,6 @@ impl RecordedBody {
             .collect()
     }
 
-    /// Returns period and amplitude ratio of each take. The body is let go at rest from the equilibrium
-    /// under so much more gravity that the marker is as far from its rest position as was recorded. Steps
-    /// are `finer` times as short.
-    ///
-    /// # Errors
-    /// As a simulation step; [`Error::Input`] without gravity, and for a body that does not swing.
-    pub fn swing(
-        &self,
-        (gpu, scene, mesh): (&Gpu, &Scene, &TetMesh),
-        finer: u32,
-        progress: ProgressFn,
-    ) -> Result<Vec<f64>> {
-        let Recorded::Swing { takes, .. } = &self.recorded else {
-            return Ok(Vec::new());
-        };
-        let Some(first) = takes.first() else {
-            return Ok(Vec::new());
-        };
-        let count = takes.len() as f64;
-        let amplitude = takes.iter().map(|take| take.amplitude).sum::<f64>() / count;
-        let direction = takes
-            .iter()
-            .map(|take| take.direction)
-            .sum::<DVec3>()
-            .normalize();
-        let periods = takes.iter().map(|take| take.periods).max().unwrap_or(1);
-        let mut held = self.body(gpu, (scene, mesh), SolverKind::Implicit)?;
-        let (start, rest) = held.start_of_swing(amplitude, direction)?;
-        let mut body = self.body(gpu, (scene, mesh), scheme_of(scene))?;
-        body.motion.simulator.set_positions(&start)?;
-        let longest = scene
-            .solver
-            .dt
-            .map_or(LONGEST_STEP, |dt| dt.min(LONGEST_STEP));
-        let longest = longest.min(first.period / STEPS_A_PERIOD) / f64::from(finer);
-        // Rounding of times adds no step.
-        let steps = (first.interval / longest - 1e-6).ceil().max(1.0);
-        body.motion.dt = first.interval / steps;
-        let (mut times, mut depths) = (vec![0.0], vec![amplitude]);
-        let most = LONGEST_SWING * first.period * (periods + 1) as f64;
-        loop {
-            let lows = lowest_points(&times, &depths, 0.02 * amplitude);
-            if lows.len() >= periods {
-                let all = [vec![[0.0, amplitude]], lows].concat();
-                let measured = takes.iter().map(|take| {
-                    let own = swing_of(&all[..=take.periods], direction, first.interval);
-                    own.map_or([f64::NAN; 2], |own| [own.period, own.ratio])
-                });
-                return Ok(measured.flatten().collect());
-            }
-            let time = times.len() as f64 * first.interval;
-            if time > most {
-                return Err(Error::Input(format!(
-                    "the body does not swing {periods} times in {most:.2} s; less damping ([material] damping_ratio), or a first modulus nearer to the true one (--first), may help"
-                )));
-            }
-            body.motion.run(steps as u32, &mut |_| {})?;
-            times.push(time);
-            depths.push(body.displacement(0)?.dot(direction) - rest);
-            crate::progress::ProgressScope::begin(progress, "swinging", time / most)?
-                .check_cancelled()?;
-        }
-    }
-
     /// Returns the error of the numbers by the mesh relative to the largest, and of a swing by the length
     /// of its steps.
     ///
@@ -379,7 +306,7 @@ impl RecordedBody {
 
 impl MarkedBody {
     /// Takes steps until the markers stay.
-    fn come_to_rest(&mut self) -> Result<()> {
+    pub(super) fn come_to_rest(&mut self) -> Result<()> {
         let start = self.motion.positions()?;
         let dt = quasi_static_step(&self.motion);
         let (rest, carriers) = (&self.rest, &self.carriers);
@@ -395,7 +322,7 @@ impl MarkedBody {
 
     /// Comes to rest under the second gravity from a state at rest under the first one, in more and smaller
     /// increments where tets would be inverted on the way.
-    fn come_to_rest_under(&mut self, [from, to]: [DVec3; 2]) -> Result<()> {
+    pub(super) fn come_to_rest_under(&mut self, [from, to]: [DVec3; 2]) -> Result<()> {
         let start = self.motion.positions()?;
         let mut increments = 1;
         loop {
@@ -427,7 +354,7 @@ impl MarkedBody {
 
     /// Returns a quantity, in file units, times a factor, with its derivatives, after more steps if the body is
     /// not at rest yet.
-    fn gradient(
+    pub(super) fn gradient(
         &mut self,
         (quantity, factor): (&Quantity, f64),
         parameters: &[Parameter],
@@ -448,31 +375,6 @@ impl MarkedBody {
             }
             self.motion.run(1, &mut |_| {})?;
         }
-    }
-
-    /// Returns node positions with the first marker `amplitude` (m) beyond its rest position along
-    /// `direction`, at rest under more gravity, and the displacement of its rest position.
-    fn start_of_swing(&mut self, amplitude: f64, direction: DVec3) -> Result<(Vec<DVec3>, f64)> {
-        let gravity = self.motion.simulator.loads().gravity();
-        self.come_to_rest()?;
-        let rest = self.displacement(0)?.dot(direction);
-        if gravity == DVec3::ZERO || rest <= 0.0 {
-            return Err(Error::Input(
-                "a swing starts under more gravity than that of the scene, along which its marker falls; set gravity ([solver] gravity) as in the recording".into(),
-            ));
-        }
-        let (mut before, mut factor) = ([1.0, 0.0], 1.0 + amplitude / rest);
-        for _ in 0..MAX_SEARCHES {
-            self.come_to_rest_under([before[0] * gravity, factor * gravity])?;
-            let away = self.displacement(0)?.dot(direction) - rest;
-            if (away - amplitude).abs() < START_TOLERANCE * amplitude {
-                break;
-            }
-            let slope = (away - before[1]) / (factor - before[0]);
-            before = [factor, away];
-            factor += (amplitude - away) / slope;
-        }
-        Ok((self.motion.positions()?, rest))
     }
 }
 

@@ -24,6 +24,15 @@ pub(super) struct Swing {
     pub interval: f64,
 }
 
+/// A largest value of a motion about zero: the vertex of the parabola through the value of a row and its
+/// neighbours.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LowestPoint {
+    pub time: f64,
+    pub depth: f64,
+    pub row: usize,
+}
+
 /// Returns the swing of a point whose positions relative to its rest position are `track`, after it was
 /// released at row `released` and fell by about `drop`; `None` if it has no two lowest points.
 pub(super) fn extremes_from_first(
@@ -43,7 +52,8 @@ pub(super) fn extremes_from_first(
     let kept: Vec<[f64; 2]> = lows
         .into_iter()
         .take(MAX_LOWS)
-        .take_while(|low| low[1] >= LEAST_AMPLITUDE * first[1])
+        .take_while(|low| low.depth >= LEAST_AMPLITUDE * first.depth)
+        .map(|low| [low.time, low.depth])
         .collect();
     swing_of(
         &kept,
@@ -67,10 +77,10 @@ pub(super) fn swing_of(lows: &[[f64; 2]], direction: DVec3, interval: f64) -> Op
     })
 }
 
-/// Returns time and value of the largest values of a motion about zero, one of each period: between them it
-/// falls below `-least`, so that noise adds none. Parabolas through three values refine them.
-pub(super) fn lowest_points(times: &[f64], depths: &[f64], least: f64) -> Vec<[f64; 2]> {
-    let mut found: Vec<[f64; 2]> = Vec::new();
+/// Returns the largest values of a motion about zero, one of each period: between them it falls below
+/// `-least`, so that noise adds none.
+pub(super) fn lowest_points(times: &[f64], depths: &[f64], least: f64) -> Vec<LowestPoint> {
+    let mut found = Vec::new();
     // The largest of the present half period.
     let mut best: Option<usize> = None;
     for (k, depth) in depths.iter().enumerate() {
@@ -87,26 +97,80 @@ pub(super) fn lowest_points(times: &[f64], depths: &[f64], least: f64) -> Vec<[f
 }
 
 /// Returns the vertex of the parabola through a value and its neighbours; `None` at the ends.
-fn refined(times: &[f64], depths: &[f64], k: usize) -> Option<[f64; 2]> {
-    let [a, b, c] = [
-        depths.get(k.checked_sub(1)?)?,
-        depths.get(k)?,
-        depths.get(k + 1)?,
-    ];
-    let bend = a - 2.0 * b + c;
-    let offset = if bend < 0.0 {
-        0.5 * (a - c) / bend
-    } else {
-        0.0
-    };
+fn refined(times: &[f64], depths: &[f64], k: usize) -> Option<LowestPoint> {
+    let [a, b, c] = around(depths, k)?;
+    let (_, offset) = parabola([a, b, c]);
     let step = 0.5 * (times.get(k + 1)? - times.get(k - 1)?);
-    Some([times[k] + offset * step, b - 0.25 * (a - c) * offset])
+    Some(LowestPoint {
+        time: times[k] + offset * step,
+        depth: b - 0.25 * (a - c) * offset,
+        row: k,
+    })
+}
+
+/// Returns the value of a row between those of its neighbours.
+fn around(depths: &[f64], row: usize) -> Option<[f64; 3]> {
+    depths.get(row.checked_sub(1)?..row + 2)?.try_into().ok()
+}
+
+/// Returns the second difference of three values, and where between them their parabola has its vertex, in
+/// intervals from the middle.
+fn parabola([a, b, c]: [f64; 3]) -> (f64, f64) {
+    let bend = a - 2.0 * b + c;
+    match bend < 0.0 {
+        true => (bend, 0.5 * (a - c) / bend),
+        false => (bend, 0.0),
+    }
+}
+
+impl LowestPoint {
+    /// Returns the derivatives of its time and of its depth by the values of the rows before it, of it and
+    /// after it; rows are `step` seconds apart.
+    pub fn slopes(&self, depths: &[f64], step: f64) -> Option<[[f64; 3]; 2]> {
+        let (bend, offset) = parabola(around(depths, self.row)?);
+        if bend >= 0.0 {
+            return Some([[0.0; 3], [0.0, 1.0, 0.0]]);
+        }
+        let by_time = [0.5 - offset, 2.0 * offset, -0.5 - offset].map(|by| step * by / bend);
+        // At the vertex its place changes nothing: Lagrange's polynomials there.
+        let by_depth = [
+            0.5 * offset * (offset - 1.0),
+            1.0 - offset * offset,
+            0.5 * offset * (offset + 1.0),
+        ];
+        Some([by_time, by_depth])
+    }
 }
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    /// Slopes of time and depth of a lowest point are those of differences.
+    #[test]
+    fn slopes_of_lowest_point_match_differences() {
+        let times: Vec<f64> = (0..60).map(|k| 0.01 * f64::from(k)).collect();
+        let depths: Vec<f64> = times.iter().map(|t| (17.0 * t).sin()).collect();
+        let low = |depths: &[f64]| lowest_points(&times, depths, 0.1)[0];
+        let found = low(&depths);
+        let slopes = found.slopes(&depths, 0.01).unwrap();
+        for (k, row) in (found.row - 1..=found.row + 1).enumerate() {
+            let at = |by: f64| {
+                let mut other = depths.clone();
+                other[row] += by;
+                low(&other)
+            };
+            let (up, down) = (at(1e-6), at(-1e-6));
+            let time = (up.time - down.time) / 2e-6;
+            let depth = (up.depth - down.depth) / 2e-6;
+            assert!(
+                (slopes[0][k] / time - 1.0).abs() < 1e-6,
+                "{slopes:?} {time}"
+            );
+            assert!((slopes[1][k] - depth).abs() < 1e-6, "{slopes:?} {depth}");
+        }
+    }
 
     /// Period and decay of a damped oscillation with noise are found.
     #[test]

@@ -70,6 +70,11 @@ impl Kind {
         )
     }
 
+    /// Whether it is a number of a tool.
+    pub fn is_of_tools(&self) -> bool {
+        matches!(self, Kind::ToolFriction(_))
+    }
+
     /// Whether derivatives by it are differences of predictions.
     pub fn by_differences(&self) -> bool {
         matches!(self, Kind::FingerOffset(_))
