@@ -404,6 +404,8 @@ fn opacity_of_slab_is_that_of_beer() {
 
 /// Size of the compared pictures.
 pub(super) const SIZE: [u32; 2] = [20, 20];
+/// Samples per pixel in float64.
+const REFERENCE_SAMPLES: u32 = 256;
 
 /// Compares with float64 paths, for each number of samples: means of the picture. Returns the
 /// differences of the pixels.
@@ -415,9 +417,7 @@ pub(super) fn compare<const N: usize>(
 ) -> [f64; N] {
     let gpu = Gpu::new().unwrap();
     let mut caster = body.caster(&gpu);
-    // As many samples in float64 as in the finest picture.
-    let reference = samples.into_iter().max().unwrap();
-    let (truth, errors) = body.reference(camera, SIZE, options, reference);
+    let (truth, errors) = body.reference(camera, SIZE, options, REFERENCE_SAMPLES);
     samples.map(|samples| {
         let options = PathOptions {
             samples,
@@ -431,7 +431,7 @@ pub(super) fn compare<const N: usize>(
         assert_eq!(found.lost(), 0);
         let (a, b) = (mean(found.linear()), mean(&truth));
         // The shader's paths, which test directions to the light, have less noise than these.
-        let more = 1.0 + f64::from(reference) / f64::from(samples);
+        let more = 1.0 + f64::from(REFERENCE_SAMPLES) / f64::from(samples);
         for k in 0..4 {
             let limit = 4.5 * errors[k] * more.sqrt();
             assert!(errors[k] < 0.03 * b[0], "{errors:?} of {b:?}");
