@@ -14,8 +14,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Change of θ of the differences of a swing or a motion.
 const DIFFERENCE: f64 = 0.02;
 /// Largest number of unknowns whose differences of a swing take less time than its adjoint, of linear and of
-/// quadratic tets: in each step it differentiates the Hessian of every element for the damping.
-const MOST_DIFFERENCES: [usize; 2] = [30, 50];
+/// quadratic tets: its motion and its solves, two a step, are in double precision and exact.
+const MOST_DIFFERENCES: [usize; 2] = [20, 30];
 
 impl MeasuredBody<'_> {
     /// Predicts a recording at rest, with derivatives by the adjoint method.

@@ -160,12 +160,12 @@ impl MotionAdjoint for CpuBody<f64> {
                 term.freeze_damping(&plan, &step.lagged);
             }
             let forces = self.net_forces(&step, &from.u);
+            let mut tangent = self.linearise_step(&step, parts, &forces);
             let mut all = Vec::new();
             for adjoint in adjoints.iter_mut() {
-                let mut iterations = 0;
-                let of_end = (&mut **adjoint, &mut iterations);
-                let (solved, ends) = self.solve_step((&step, to), (parts, &forces), of_end)?;
-                all.push((solved, ends, iterations));
+                let before = tangent.iterations;
+                let (solved, ends) = self.solve_step((&step, to), &mut tangent, adjoint)?;
+                all.push((solved, ends, tangent.iterations - before));
             }
             let at = (&step, &from.u[..]);
             let mut found = Vec::new();

@@ -104,13 +104,13 @@ impl CpuBody<f64> {
     }
 
     /// Solves A z = q for the derivative q by δ, of the derivatives `adjoint` by the end of the
-    /// step. Leaves in `adjoint` those by its start that do not go through δ. Returns z, K z and D
-    /// z, and what rigid bodies have of the end by their motions at the start.
+    /// step whose `tangent` is given. Leaves in `adjoint` those by its start that do not go through δ.
+    /// Returns z, K z and D z, and what rigid bodies have of the end by their motions at the start.
     pub(super) fn solve_step(
-        &mut self,
+        &self,
         (step, to): (&Step, &MotionState),
-        (parts, forces): (StepParts, &NetForces),
-        (adjoint, iterations): (&mut StateAdjoint, &mut u32),
+        tangent: &mut Tangent,
+        adjoint: &mut StateAdjoint,
     ) -> Result<([Slots; 3], RigidEnds)> {
         let slots = self.state.u.len();
         let take = |of: &mut Slots| {
@@ -149,19 +149,17 @@ impl CpuBody<f64> {
             (&mut right, adjoint),
         );
         let heavier = 1.0 + step.mass_damping * gamma;
-        let mut tangent = self.linearise_step(step, parts, forces);
         let mut b = self.restrict_forces(&right);
         if let Some(newton) = &self.newton {
             rigid_ends.add_to_freedoms(&newton.rigid, 3 * self.soft_nodes(), &mut b);
         }
-        let x = self.solve_freedoms(&mut tangent, &b, "step")?;
-        *iterations = tangent.iterations;
+        let x = self.solve_freedoms(tangent, &b, "step")?;
         let z = self.prolong_freedoms(&x);
         let mut damped = self.damping_product(&step.lagged, &z);
         for friction in &tangent.friction {
             friction.add_velocity_product(&z, &mut damped);
         }
-        let mut stiff = self.multiply_tangent(&tangent, &z, false);
+        let mut stiff = self.multiply_tangent(tangent, &z, false);
         for i in 0..slots {
             // Where A z = q holds, K z follows from the masses, without the rounding of stiff
             // contact.
@@ -178,7 +176,12 @@ impl CpuBody<f64> {
     }
 
     /// Linearises the forces of a step where it evaluates them.
-    fn linearise_step(&mut self, step: &Step, parts: StepParts, forces: &NetForces) -> Tangent {
+    pub(super) fn linearise_step(
+        &mut self,
+        step: &Step,
+        parts: StepParts,
+        forces: &NetForces,
+    ) -> Tangent {
         let gamma = step.coefficients.gamma;
         let heavier = 1.0 + step.mass_damping * gamma;
         let nodes = self.plan.nodes();

@@ -1,22 +1,32 @@
 //! Derivatives of the stiffness-proportional damping of elements: of y·D(u) w, D = β K⁺, by the
 //! displacements u and by the material, where K⁺ is the projected Hessian.
 //!
-//! They are central differences within each element, exact to about 1e-8 of the damping forces away
-//! from states where an eigenvalue of an element changes its sign.
+//! A quadrature point has β A : H⁺(F) : B of it, with the gradients A of y and B of w. In the principal frame of
+//! F = U Σ Vᵀ, H⁺ depends on Σ and the material only. Its derivatives by these are central differences, exact to
+//! about 1e-8 away from states where an eigenvalue changes its sign. A change D = Uᵀ dF V turns the frame: Uᵀ dU
+//! has the entry ij of (D_ij + D_ji)/(2 (σ_j − σ_i)) + (D_ij − D_ji)/(2 (σ_i + σ_j)), and Vᵀ dV the difference of
+//! both parts.
 
-use super::batch::TetBatch;
+use super::batch::{LaneMat3, LaneVec3, TetBatch, TetPoint, dot, times};
 use super::element_batch::{Counted, ElementBatch, ElementSources};
 use super::quadratic_batch::QuadraticBatch;
+use super::svd::{MIN_TWIST_DENOMINATOR, PrincipalHessian, Svd};
 use crate::parallel;
 use crate::physics::cpu::scalar::Real;
-use crate::physics::cpu::vectors::{V4, add, outer, sub, to_dvec, to_v4, zero};
-use crate::physics::{DiscreteModel, Elements, LocalUnits};
-use glam::DVec3;
+use crate::physics::cpu::simd::Lane;
+use crate::physics::cpu::vectors::{V4, add, zero};
+use crate::physics::{ConstitutiveModel, DiscreteModel, LocalUnits};
 
-/// Steps of the differences: by positions over the size of the element, by the Lamé parameters over
-/// μ. So small that hardly an eigenvalue changes its sign within a step.
-const POSITION_STEP: f64 = 1e-7;
-const MATERIAL_STEP: f64 = 1e-7;
+/// Step of the differences by the stretches, and by the Lamé parameters over μ. So small that hardly an
+/// eigenvalue changes its sign within a step.
+const STEP: f64 = 1e-7;
+
+/// Least difference of two stretches by which a turn of their axes is divided. Closer ones are moved apart by
+/// this: the quotient tends to a limit, from which it is off by about the square.
+const LEAST_APART: f64 = 1e-5;
+
+/// Pairs of principal axes; the third axis of each is its place in the list.
+const AXIS_PAIRS: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
 
 /// A vector of every slot, or of the nodes of a batch.
 type Vectors<'a> = &'a [V4<f64>];
@@ -60,20 +70,10 @@ pub(in crate::physics::cpu) fn damping_derivatives(
     found
 }
 
-/// Returns `elements` with one Lamé parameter changed by `by` times μ.
-fn with_changed_lame(elements: &Elements, k: usize, by: f64) -> Elements {
-    let mut changed = elements.clone();
-    for element in &mut changed.tets {
-        element.lame_parameters[k] += by * element.lame_parameters[0];
-    }
-    changed
-}
-
 /// Derivatives of one y of up to four elements.
-#[derive(Clone, Default)]
 struct FourDerivatives {
-    /// By the positions of the nodes of each element.
-    by_position: Vec<DVec3>,
+    /// By the displacements of the nodes of each element.
+    by_position: Vec<V4<f64>>,
     by_lame: [[f64; 2]; 4],
 }
 
@@ -85,20 +85,17 @@ fn add_batches<B: ElementBatch<f64>>(
 ) where
     B::Item: Send + Sync,
 {
-    let elements = sources.elements;
-    let changed = [0, 1]
-        .map(|k| [MATERIAL_STEP, -MATERIAL_STEP].map(|by| with_changed_lame(elements, k, by)));
     let sorted = B::sorted(sources);
     let batches: Vec<&[B::Item]> = sorted.chunks(4).collect();
     let of_batches = parallel::map_coarse(batches.len(), |n| {
-        of_four::<B>(batches[n], (sources, damping, &changed), at, all)
+        of_four::<B>(batches[n], (sources, damping), at, all)
     });
     for (four, of_four) in batches.iter().zip(of_batches) {
         for (found, own) in found.iter_mut().zip(of_four) {
             let nodes = four.iter().flat_map(|item| B::nodes(item));
             for (v, g) in nodes.zip(own.by_position) {
                 let to = &mut found.by_position[*v as usize];
-                *to = add(*to, to_v4(g));
+                *to = add(*to, g);
             }
             for (item, lame) in four.iter().zip(own.by_lame) {
                 found.by_lame[B::element(item)] = lame;
@@ -110,7 +107,7 @@ fn add_batches<B: ElementBatch<f64>>(
 /// Returns the derivatives of each y of `all` for up to four elements.
 fn of_four<B: ElementBatch<f64>>(
     four: &[B::Item],
-    (sources, damping, changed): (&ElementSources<'_>, f64, &[[Elements; 2]; 2]),
+    (sources, damping): (&ElementSources<'_>, f64),
     at: [Vectors<'_>; 2],
     all: &[Vectors<'_>],
 ) -> Vec<FourDerivatives> {
@@ -118,116 +115,169 @@ fn of_four<B: ElementBatch<f64>>(
     let nodes: Vec<&[u32]> = four.iter().map(B::nodes).collect();
     let count = nodes[0].len();
     // Elements of a batch may share nodes, which are apart in local arrays.
-    let local = |all: &[V4<f64>]| -> Vec<V4<f64>> {
+    let local = |all: Vectors<'_>| -> Vec<V4<f64>> {
         let own = nodes
             .iter()
             .flat_map(|n| n.iter().map(|v| all[*v as usize]));
         own.collect()
     };
-    let [mut u, w] = at.map(local);
-    let size = (count, four.len());
-    let weights = all.iter().map(|y| pair_weights::<B>(size, [&local(y), &w]));
-    let weights: Vec<Vec<PairWeights>> = weights.collect();
+    let fields: Vec<Vec<V4<f64>>> = at.iter().chain(all).map(|of| local(of)).collect();
     let own: Vec<Counted<B::Item>> = four
         .iter()
         .enumerate()
         .map(|(l, item)| (B::renumbered(item, (l * count) as u32), true))
         .collect();
-    let batch = B::new(&own, sources, 0);
-    let work =
-        |batch: &B, u: &[V4<f64>]| damping_work(batch, (elements.law, damping), (u, &weights));
-    let mut found = vec![
-        FourDerivatives {
-            by_position: vec![DVec3::ZERO; count * own.len()],
-            ..FourDerivatives::default()
+    let mut by_position = vec![vec![zero(); count * four.len()]; all.len()];
+    let mut by_lame = vec![[[0.0; 4]; 2]; all.len()];
+    let of_point = |point: &TetPoint<f64>, gradients: &[LaneMat3<_>], stresses: &mut [_]| {
+        let [u, w, ys @ ..] = gradients else {
+            return;
         };
-        all.len()
-    ];
-    for (k, changed) in changed.iter().enumerate() {
-        let [up, down] = changed.each_ref().map(|elements| {
-            let changed = ElementSources {
-                elements,
-                ..*sources
-            };
-            work(&B::new(&own, &changed, 0), &u)
-        });
-        for (l, (item, _)) in own.iter().enumerate() {
-            let step = MATERIAL_STEP * elements.tets[B::element(item)].lame_parameters[0];
-            for (found, (up, down)) in found.iter_mut().zip(up.iter().zip(&down)) {
-                found.by_lame[l][k] = (up[l] - down[l]) / (2.0 * step);
-            }
-        }
-    }
-    let steps: Vec<f64> = own
-        .iter()
-        .map(|(item, _)| {
-            let volume = elements.tets[B::element(item)].volume;
-            POSITION_STEP * volume.cbrt() / sources.units.length
-        })
-        .collect();
-    // A translation changes nothing, so that the last node has what the others lack.
-    for (k, axis) in (0..count - 1).flat_map(|k| (0..3).map(move |axis| (k, axis))) {
-        let before = u.clone();
-        let mut moved = |by: f64| {
-            for (l, h) in steps.iter().enumerate() {
-                u[l * count + k][axis] = before[l * count + k][axis] + by * h;
-            }
-            work(&batch, &u)
-        };
-        let (up, down) = (moved(1.0), moved(-1.0));
-        u = before;
-        for (found, (up, down)) in found.iter_mut().zip(up.iter().zip(&down)) {
-            for (l, step) in steps.iter().enumerate() {
-                let slope = (up[l] - down[l]) / (2.0 * step);
-                found.by_position[l * count + k][axis] += slope;
-                found.by_position[l * count + count - 1][axis] -= slope;
-            }
-        }
-    }
-    found
-}
-
-/// Weights of the blocks of each pair of nodes in y·D(u) w, for four elements.
-type PairWeights = [[[f64; 3]; 3]; 4];
-
-/// Returns the weights of the blocks of a batch whose elements have `count` nodes each.
-fn pair_weights<B: ElementBatch<f64>>(
-    (count, used): (usize, usize),
-    [y, w]: [Vectors<'_>; 2],
-) -> Vec<PairWeights> {
-    let of_pair = |[a, b]: &[usize; 2]| {
-        let mut weights = [[[0.0; 3]; 3]; 4];
-        for (l, weights) in weights.iter_mut().enumerate().take(used) {
-            let [i, j] = [a, b].map(|k| l * count + k);
-            // The rows sum to zero, and the blocks below the diagonal are transposes.
-            let apart = to_dvec(sub(w[j], w[i]));
-            let block = outer(to_dvec(y[i]), apart) - outer(apart, to_dvec(y[j]));
-            *weights = block.to_cols_array_2d();
-        }
-        weights
-    };
-    B::PAIRS.iter().map(of_pair).collect()
-}
-
-/// Returns y·D(u) w of the elements of a batch, for the weights of each y.
-fn damping_work<B: ElementBatch<f64>>(
-    batch: &B,
-    (law, damping): (crate::physics::ConstitutiveModel, f64),
-    (u, all): (Vectors<'_>, &[Vec<PairWeights>]),
-) -> Vec<[f64; 4]> {
-    let mut sums = vec![[0.0; 4]; all.len()];
-    let none = <f64 as Real>::Lanes::splat(0.0);
-    let scale = <f64 as Real>::Lanes::splat(damping);
-    batch.blocks((law, true), u, none, scale, |n, blocks| {
-        for (sums, weights) in sums.iter_mut().zip(all) {
-            let each = sums.iter_mut().zip(&weights[n]).zip(&blocks);
-            for ((sum, weights), columns) in each {
-                for (weights, column) in weights.iter().zip(columns) {
-                    let products = weights.iter().zip(column);
-                    *sum += products.map(|(weight, x)| weight * x).sum::<f64>();
+        let slopes = PointSlopes::new(point, elements.law, u);
+        for ((y, stress), by_lame) in ys.iter().zip(stresses).zip(&mut by_lame) {
+            let (by_gradient, by_material) = slopes.of_product(y, w);
+            // The batch distributes −P.
+            *stress = by_gradient.map(|column| column.map(|x| Real::splat(-damping) * x));
+            for (sums, by) in by_lame.iter_mut().zip(by_material) {
+                for (sum, by) in sums.iter_mut().zip(f64::array(by)) {
+                    *sum += damping * by;
                 }
             }
         }
-    });
-    sums
+    };
+    B::new(&own, sources, 0).distribute(&fields, of_point, &mut by_position);
+    let all = by_position.into_iter().zip(by_lame);
+    all.map(|(by_position, by_lame)| {
+        let of_lane = |l: usize| {
+            let element = four.get(l).map(|item| &elements.tets[B::element(item)]);
+            let mu = element.map_or(1.0, |element| element.lame_parameters[0]);
+            by_lame.map(|by| by[l] / mu)
+        };
+        FourDerivatives {
+            by_position,
+            by_lame: std::array::from_fn(of_lane),
+        }
+    })
+    .collect()
+}
+
+/// The projected Hessians of a quadrature point, and what its derivatives are differences of.
+struct PointSlopes<L> {
+    svd: Svd<L>,
+    hessian: PrincipalHessian<L>,
+    /// With each stretch larger and smaller by [`STEP`].
+    by_stretch: [[PrincipalHessian<L>; 2]; 3],
+    /// With each Lamé parameter larger and smaller by [`STEP`] times μ.
+    by_lame: [[PrincipalHessian<L>; 2]; 2],
+    /// For each pair of axes, with stretches that are apart, and σ_j − σ_i.
+    apart: [(PrincipalHessian<L>, L); 3],
+}
+
+impl<L: Lane> PointSlopes<L> {
+    /// Creates those at the displacement gradient `g`.
+    fn new<T: Real<Lanes = L>>(
+        point: &TetPoint<T>,
+        law: ConstitutiveModel,
+        g: &LaneMat3<L>,
+    ) -> PointSlopes<L> {
+        let (svd, zero) = (Svd::new(g), L::splat(0.0));
+        let hessian_at = |svd: &Svd<L>, lame| svd.curvature(law, lame, zero, true);
+        let hessian = hessian_at(&svd, point.lame);
+        let steps = [STEP, -STEP].map(L::splat);
+        let by_stretch = |k: usize| {
+            steps.map(|step| {
+                let by = std::array::from_fn(|i| if i == k { step } else { zero });
+                hessian_at(&svd.stretched(by), point.lame)
+            })
+        };
+        let by_lame = |k: usize| {
+            steps.map(|step| {
+                let mut lame = point.lame;
+                lame[k] = lame[k] + step * point.lame[0];
+                hessian_at(&svd, lame)
+            })
+        };
+        let apart = |[i, j]: [usize; 2]| {
+            let (least, own) = (L::splat(LEAST_APART), svd.sigma[j] - svd.sigma[i]);
+            if !least.any_above(-own) {
+                return (hessian, own);
+            }
+            // Stretches descend.
+            let apart = -(-own).max(least);
+            let half = L::splat(0.5) * (apart - own);
+            let mut by = [zero; 3];
+            (by[i], by[j]) = (-half, half);
+            (hessian_at(&svd.stretched(by), point.lame), apart)
+        };
+        PointSlopes {
+            hessian,
+            by_stretch: std::array::from_fn(by_stretch),
+            by_lame: std::array::from_fn(by_lame),
+            apart: AXIS_PAIRS.map(apart),
+            svd,
+        }
+    }
+
+    /// Returns the derivatives of A : H⁺ : B by F, and by the Lamé parameters over μ.
+    fn of_product(&self, a: &LaneMat3<L>, b: &LaneMat3<L>) -> (LaneMat3<L>, [L; 2]) {
+        let Svd { u, v, sigma, .. } = &self.svd;
+        let principal = |m: &LaneMat3<L>| -> LaneMat3<L> {
+            std::array::from_fn(|j| {
+                let column = times(m, v[j]);
+                std::array::from_fn(|i| dot(u[i], column))
+            })
+        };
+        let (x, y) = (principal(a), principal(b));
+        let half_over_step = L::splat(0.5 / STEP);
+        let difference = |[up, down]: &[PrincipalHessian<L>; 2]| {
+            half_over_step * (product(&x, &up.times(&y)) - product(&x, &down.times(&y)))
+        };
+        let (hx, hy) = (self.hessian.times(&x), self.hessian.times(&y));
+        let mut slopes = [[L::splat(0.0); 3]; 3];
+        for (k, own) in self.by_stretch.iter().enumerate() {
+            slopes[k][k] = difference(own);
+        }
+        for ([i, j], (apart, distance)) in AXIS_PAIRS.into_iter().zip(&self.apart) {
+            let half = L::splat(0.5);
+            let turns = |hx: &LaneMat3<L>, hy: &LaneMat3<L>| {
+                let ([xu, xv], [yu, yv]) = (turns(&x, hy, [i, j]), turns(&y, hx, [i, j]));
+                [xu + yu, xv + yv]
+            };
+            let [by_u, by_v] = turns(&apart.times(&x), &apart.times(&y));
+            let symmetric = half * (by_u + by_v) / *distance;
+            let [by_u, by_v] = turns(&hx, &hy);
+            let sum = (sigma[i] + sigma[j]).max(L::splat(MIN_TWIST_DENOMINATOR));
+            let skew = half * (by_u - by_v) / sum;
+            slopes[j][i] = symmetric + skew;
+            slopes[i][j] = symmetric - skew;
+        }
+        (
+            from_principal(u, &slopes, v),
+            std::array::from_fn(|k| difference(&self.by_lame[k])),
+        )
+    }
+}
+
+/// Returns a : b.
+#[inline(always)]
+fn product<L: Lane>(a: &LaneMat3<L>, b: &LaneMat3<L>) -> L {
+    dot(a[0], b[0]) + dot(a[1], b[1]) + dot(a[2], b[2])
+}
+
+/// Returns U m Vᵀ.
+#[inline(always)]
+fn from_principal<L: Lane>(u: &LaneMat3<L>, m: &LaneMat3<L>, v: &[LaneVec3<L>; 3]) -> LaneMat3<L> {
+    let um = m.map(|column| times(u, column));
+    std::array::from_fn(|j| {
+        std::array::from_fn(|i| um[0][i] * v[0][j] + um[1][i] * v[1][j] + um[2][i] * v[2][j])
+    })
+}
+
+/// Returns the derivatives of x : z, with x = Uᵀ A V, by the turns of the axes `i` and `j` of U and of V: by the
+/// entries ij of Uᵀ dU and of Vᵀ dV.
+#[inline(always)]
+fn turns<L: Lane>(x: &LaneMat3<L>, z: &LaneMat3<L>, [i, j]: [usize; 2]) -> [L; 2] {
+    let of_u = |c: usize| x[c][i] * z[c][j] - x[c][j] * z[c][i];
+    let of_v = |r: usize| x[i][r] * z[j][r] - x[j][r] * z[i][r];
+    [of_u(0) + of_u(1) + of_u(2), of_v(0) + of_v(1) + of_v(2)]
 }

@@ -1,10 +1,11 @@
 //! What a term of finite elements needs of four elements, one per SIMD lane.
 
-use super::batch::TetBatch;
+use super::batch::{LaneMat3, TetBatch, TetPoint};
 use super::kernels::{NODE_PAIRS, unpack_blocks};
 use super::nodal_volumes::{NodalVolumeTerm, VolumeSources};
 use super::term::{CountedTet, SortedTet};
 use crate::physics::cpu::scalar::Real;
+use crate::physics::cpu::simd::Lane;
 use crate::physics::cpu::vectors::V4;
 use crate::physics::{ConstitutiveModel, Element, Elements, LocalUnits};
 use std::ops::Range;
@@ -96,6 +97,15 @@ pub(in crate::physics::cpu) trait ElementBatch<T: Real>:
         pressure: T::Lanes,
         scale: T::Lanes,
         emit: impl FnMut(usize, FourBlocks<T>),
+    );
+
+    /// Calls `of_point` for each quadrature point with the gradients of nodal `fields`, and adds −P ∇N of each
+    /// stress times the volume that it returns to the nodes of the vectors `out`.
+    fn distribute(
+        &self,
+        fields: &[Vec<V4<T>>],
+        of_point: impl FnMut(&TetPoint<T>, &[LaneMat3<T::Lanes>], &mut [LaneMat3<T::Lanes>]),
+        out: &mut [Vec<V4<T>>],
     );
 }
 
@@ -206,5 +216,19 @@ impl<T: Real> ElementBatch<T> for TetBatch<T> {
         self.point.blocks(with, &g, pressure, scale, |n, block| {
             emit(n, unpack_blocks::<T>(&block));
         });
+    }
+
+    fn distribute(
+        &self,
+        fields: &[Vec<V4<T>>],
+        mut of_point: impl FnMut(&TetPoint<T>, &[LaneMat3<T::Lanes>], &mut [LaneMat3<T::Lanes>]),
+        out: &mut [Vec<V4<T>>],
+    ) {
+        let gradients: Vec<LaneMat3<T::Lanes>> = fields.iter().map(|u| self.gradient(u)).collect();
+        let mut stresses = vec![[[T::Lanes::splat(0.0); 3]; 3]; out.len()];
+        of_point(&self.point, &gradients, &mut stresses);
+        for (stress, out) in stresses.iter().zip(out) {
+            self.scatter::<true>(stress, 0, out);
+        }
     }
 }

@@ -2,6 +2,8 @@
 
 pub(super) mod batch;
 pub(super) mod damping_derivatives;
+#[cfg(test)]
+mod damping_tests;
 pub(super) mod element_batch;
 pub(super) mod kernels;
 pub(super) mod muscle;

@@ -313,6 +313,29 @@ impl<T: Real> ElementBatch<T> for QuadraticBatch<T> {
             emit(n, unpack_blocks::<T>(&block));
         }
     }
+
+    fn distribute(
+        &self,
+        fields: &[Vec<V4<T>>],
+        mut of_point: impl FnMut(&TetPoint<T>, &[LaneMat3<T::Lanes>], &mut [LaneMat3<T::Lanes>]),
+        out: &mut [Vec<V4<T>>],
+    ) {
+        let zero = T::Lanes::splat(0.0);
+        let fields: Vec<LaneNodes<T::Lanes>> = fields.iter().map(|u| self.gather(u)).collect();
+        let mut forces = vec![[[zero; 3]; QUADRATIC_NODES]; out.len()];
+        let mut stresses = vec![[[zero; 3]; 3]; out.len()];
+        for (n, point) in self.points.iter().enumerate() {
+            let gradients = fields.iter().map(|u| self.gradient(n, u));
+            let gradients: Vec<LaneMat3<T::Lanes>> = gradients.collect();
+            of_point(point, &gradients, &mut stresses);
+            for (stress, forces) in stresses.iter().zip(&mut forces) {
+                self.add_forces(n, stress, forces);
+            }
+        }
+        for (forces, out) in forces.iter().zip(out) {
+            self.scatter::<true>(forces, 0, out);
+        }
+    }
 }
 
 /// Returns the gradients of the last three barycentric coordinates at a quadrature point from those

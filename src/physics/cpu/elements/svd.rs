@@ -12,7 +12,7 @@ use crate::physics::ConstitutiveModel;
 use crate::physics::cpu::simd::Lane;
 
 /// Lower bound of the denominator of a twist: the corotated energy has a ridge where it is zero.
-const MIN_TWIST_DENOMINATOR: f64 = 1e-4;
+pub(super) const MIN_TWIST_DENOMINATOR: f64 = 1e-4;
 
 /// Singular value decomposition of F.
 #[derive(Clone, Copy, Debug)]
@@ -183,6 +183,16 @@ impl<L: Lane> Svd<L> {
         }
     }
 
+    /// Returns the decomposition with stretches that are larger by `by`, in the same frame.
+    #[inline(always)]
+    pub fn stretched(&self, by: LaneVec3<L>) -> Svd<L> {
+        Svd {
+            sigma: std::array::from_fn(|i| self.sigma[i] + by[i]),
+            stretch: std::array::from_fn(|i| self.stretch[i] + by[i]),
+            ..*self
+        }
+    }
+
     /// Returns U d Vᵀ for a diagonal d, as columns.
     #[inline(always)]
     pub fn compose(&self, d: LaneVec3<L>) -> LaneMat3<L> {
@@ -270,6 +280,20 @@ impl<L: Lane> Svd<L> {
 }
 
 impl<L: Lane> PrincipalHessian<L> {
+    /// Returns the change of P for a change `d` of F, both in the principal frame (Uᵀ d V), as columns.
+    #[inline(always)]
+    pub fn times(&self, d: &LaneMat3<L>) -> LaneMat3<L> {
+        let [xx, yy, zz, yz, xz, xy] = self.a;
+        let along = [d[0][0], d[1][1], d[2][2]];
+        let diagonal = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]].map(|row| dot(row, along));
+        std::array::from_fn(|j| {
+            std::array::from_fn(|i| match i == j {
+                true => diagonal[i],
+                false => self.p[3 - i - j] * d[j][i] + self.q[3 - i - j] * d[i][j],
+            })
+        })
+    }
+
     /// Returns the block between two nodes with the gradients `x` and `y` in the frame of V (Vᵀ g),
     /// as columns.
     #[inline(always)]
