@@ -20,8 +20,6 @@ const TRANSFER: &str = include_str!("../../data/limb.json");
 const FPS: f64 = 16.0;
 /// The scene of the press, embedded in the program.
 const PRESSED_SCENE: &str = include_str!("../../data/scenes/breast.toml");
-/// Largest error of its force, relative to it.
-const PRESS_SHARE: f64 = 0.05;
 /// Factor by which the first mesh of the press has fewer tets than the limb, and their minimum number:
 /// coarser ones do not have the shape of a breast.
 const PRESS_COARSENING: usize = 5;
@@ -42,6 +40,9 @@ pub struct DemoArguments {
     /// Set the picture size in pixels, WIDTHxHEIGHT
     #[arg(long, default_value = "800x600", value_parser = super::flag_values::size)]
     size: [u32; 2],
+    /// Refine the mesh of the press until the error of its largest force is at most this share of it
+    #[arg(long, value_name = "PERCENT", default_value = "5%", value_parser = super::refinement::percent)]
+    within: f64,
     /// Print the report on standard output as JSON
     #[arg(long)]
     json: bool,
@@ -93,10 +94,10 @@ pub fn run(gpu: &Gpu, arguments: &DemoArguments) -> anyhow::Result<Outcome> {
     let mut scene = Scene::parse(PRESSED_SCENE)?;
     scene.mesh.tets = Some((arguments.tets / PRESS_COARSENING).max(MIN_PRESS_TETS));
     scene.picture.size = Some(arguments.size);
-    scene.accuracy.within = Some(PRESS_SHARE);
+    scene.accuracy.within = Some(arguments.within);
     print_notes(&[format!(
         "pressing on a breast with a lump, until the force is within {} %",
-        100.0 * PRESS_SHARE
+        100.0 * arguments.within
     )]);
     let report = super::press::press(
         gpu,

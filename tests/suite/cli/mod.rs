@@ -348,6 +348,8 @@ fn demo_writes_pictures_and_series() {
         "3",
         "--size",
         "96x72",
+        "--within",
+        "30%",
         "--json",
         "--quiet",
     ]);
@@ -360,7 +362,7 @@ fn demo_writes_pictures_and_series() {
     let press: serde_json::Value = serde_json::from_slice(&press).unwrap();
     assert_eq!(report["press"], press);
     let [force, error] = ["max_force_n", "max_force_error_n"].map(|k| press[k].as_f64().unwrap());
-    assert!(error > 0.0 && error < 0.06 * force, "{press}");
+    assert!(error > 0.0 && error < 0.35 * force, "{press}");
     for file in ["rest.png", "bent.png", "bend.gif", "bend.pvd"] {
         assert!(folder.join(file).exists(), "{file}");
     }
