@@ -21,7 +21,7 @@ const OTHER: f64 = 0.02;
 /// Frames that take longer, ms, are printed; ten times as long counts as a hang.
 const SLOW: f64 = 250.0;
 /// Number of rounds in the memory test.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 4;
 
 /// Left, right, upper and lower bounds of pixels that the section through a press covers.
 const INSET: [usize; 4] = [520, 690, 560, 700];
@@ -291,7 +291,7 @@ fn each_motion_is_drawn_and_each_press_steps() {
 fn resting_press_has_an_error() {
     let mut window = Window::open(&["--example", "limb"]);
     let scene = window.folder.path().join("block.toml");
-    let text = "[mesh]\ngenerate = \"bar\"\ntets = 6000\n[material]\nmodel = \"neo-hookean\"\n";
+    let text = "[mesh]\ngenerate = \"bar\"\ntets = 3000\n[material]\nmodel = \"neo-hookean\"\n";
     std::fs::write(&scene, text).unwrap();
     window.enter_path("ctrl+l", "block.toml");
     window.wait("the block", |frame| {
