@@ -91,10 +91,11 @@ fn derivatives_match_differences() {
 #[test]
 fn derivatives_by_lump_match_differences() {
     let values = [2e4, 0.052, 0.047, 0.071, 0.03, 4.0];
-    let [error, wrong] = derivative_errors(&["material.young", "lump"], &values, 1e-4);
+    // Longer steps pass kinks, where the lump begins to reach an element; shorter ones magnify the error of the
+    // solver.
+    let [error, wrong] = derivative_errors(&["material.young", "lump"], &values, 4e-4);
     println!("lump: {error:.1e}, {wrong:.1e}");
-    // Stiffness has kinks where a lump begins to reach an element.
-    assert!(error < 4e-6 && wrong > 5e-5, "{error} {wrong}");
+    assert!(error < 1e-6 && wrong > 5e-5, "{error} {wrong}");
 }
 
 /// A stiff ball is found from a map and a curve of a body with one.
