@@ -1,11 +1,12 @@
 //! Derivatives of the stiffness-proportional damping of elements: of y·D(u) w, D = β K⁺, by the
 //! displacements u and by the material, where K⁺ is the projected Hessian.
 //!
-//! A quadrature point has β A : H⁺(F) : B of it, with the gradients A of y and B of w. In the principal frame of
-//! F = U Σ Vᵀ, H⁺ depends on Σ and the material only. Its derivatives by these are central differences, exact to
-//! about 1e-8 away from states where an eigenvalue changes its sign. A change D = Uᵀ dF V turns the frame: Uᵀ dU
-//! has the entry ij of (D_ij + D_ji)/(2 (σ_j − σ_i)) + (D_ij − D_ji)/(2 (σ_i + σ_j)), and Vᵀ dV the difference of
-//! both parts.
+//! At each quadrature point it is β A : H⁺(F) : B, with the gradients A of y and B of w. In the principal frame
+//! of F = U Σ Vᵀ, H⁺ depends on Σ and the material only; its derivatives by these are central differences, exact
+//! to about 1e-8 away from states where an eigenvalue changes its sign. The frame turns with F: for D = Uᵀ dF V,
+//!
+//! - (Uᵀ dU)_ij = (D_ij + D_ji) / 2(σ_j − σ_i) + (D_ij − D_ji) / 2(σ_i + σ_j),
+//! - (Vᵀ dV)_ij = (D_ij + D_ji) / 2(σ_j − σ_i) − (D_ij − D_ji) / 2(σ_i + σ_j).
 
 use super::batch::{LaneMat3, LaneVec3, TetBatch, TetPoint, dot, times};
 use super::element_batch::{Counted, ElementBatch, ElementSources};
@@ -21,8 +22,8 @@ use crate::physics::{ConstitutiveModel, DiscreteModel, LocalUnits};
 /// eigenvalue changes its sign within a step.
 const STEP: f64 = 1e-7;
 
-/// Least difference of two stretches by which a turn of their axes is divided. Closer ones are moved apart by
-/// this: the quotient tends to a limit, from which it is off by about the square.
+/// Least difference of two stretches that divides the derivative by a turn of their axes. Closer ones are moved
+/// this far apart: the quotient is then off its limit by about the square.
 const LEAST_APART: f64 = 1e-5;
 
 /// Pairs of principal axes; the third axis of each is its place in the list.
@@ -161,7 +162,7 @@ fn of_four<B: ElementBatch<f64>>(
     .collect()
 }
 
-/// The projected Hessians of a quadrature point, and what its derivatives are differences of.
+/// The projected Hessian of a quadrature point, and those whose differences are its derivatives.
 struct PointSlopes<L> {
     svd: Svd<L>,
     hessian: PrincipalHessian<L>,
@@ -239,13 +240,13 @@ impl<L: Lane> PointSlopes<L> {
         }
         for ([i, j], (apart, distance)) in AXIS_PAIRS.into_iter().zip(&self.apart) {
             let half = L::splat(0.5);
-            let turns = |hx: &LaneMat3<L>, hy: &LaneMat3<L>| {
+            let by_turns = |hx: &LaneMat3<L>, hy: &LaneMat3<L>| {
                 let ([xu, xv], [yu, yv]) = (turns(&x, hy, [i, j]), turns(&y, hx, [i, j]));
                 [xu + yu, xv + yv]
             };
-            let [by_u, by_v] = turns(&apart.times(&x), &apart.times(&y));
+            let [by_u, by_v] = by_turns(&apart.times(&x), &apart.times(&y));
             let symmetric = half * (by_u + by_v) / *distance;
-            let [by_u, by_v] = turns(&hx, &hy);
+            let [by_u, by_v] = by_turns(&hx, &hy);
             let sum = (sigma[i] + sigma[j]).max(L::splat(MIN_TWIST_DENOMINATOR));
             let skew = half * (by_u - by_v) / sum;
             slopes[j][i] = symmetric + skew;
