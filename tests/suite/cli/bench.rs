@@ -1,6 +1,6 @@
 //! `palpate bench`: the report, its golden comparisons, and what costs a row.
 
-use super::{failure, folder, palpate, stdout, text};
+use super::{failure, folder, palpate, text};
 use palpate::bench::{
     Case, Context, GOLDEN, GOLDEN_PICTURES, Machine, Outcome, Part, Report, Row, Supervision,
     measure_all, run_part,

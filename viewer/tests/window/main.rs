@@ -291,7 +291,7 @@ fn each_motion_is_drawn_and_each_press_steps() {
 fn resting_press_has_an_error() {
     let mut window = Window::open(&["--example", "limb"]);
     let scene = window.folder.path().join("block.toml");
-    let text = "[mesh]\ngenerate = \"bar\"\ntets = 3000\n[material]\nmodel = \"neo-hookean\"\n";
+    let text = "[mesh]\ngenerate = \"bar\"\ntets = 6000\n[material]\nmodel = \"neo-hookean\"\n";
     std::fs::write(&scene, text).unwrap();
     window.enter_path("ctrl+l", "block.toml");
     window.wait("the block", |frame| {
