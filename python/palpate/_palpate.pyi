@@ -186,8 +186,8 @@ class PressMap:
         entries: str,
         folder: str,
         points: tuple[int, int],
-        radius: float | None,
-        depth: float | None,
+        area: tuple[tuple[float, float, float] | None, float | None],
+        radius_and_depth: tuple[float | None, float | None],
         adapter: str | None,
     ) -> None: ...
     def notes(self) -> list[str]: ...

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -197,6 +197,10 @@ def press(
     )
 
 
+#: Centre and length of the sides of a map.
+_Area = tuple[Union[tuple[float, float, float], None], Union[float, None]]
+
+
 @dataclass(frozen=True)
 class PressMap:
     """Stiffness of a body at the points of a grid, pressed from above.
@@ -220,6 +224,8 @@ def press_map(
     body: BodyLike,
     points: Sequence[int],
     *,
+    at: Sequence[float] | None = None,
+    side: float | None = None,
     radius: float | None = None,
     depth: float | None = None,
     out: PathOf | None = None,
@@ -233,6 +239,8 @@ def press_map(
     Args:
         body: mesh, body, scene of one body, or path of a file.
         points: numbers of points along the two sides, such as ``(10, 10)``.
+        at: centre of the map, in the mesh's unit, only with ``side``; default: the centre of the body.
+        side: length of the sides of the map, a square, in the mesh's unit; default: it covers the body.
         radius: radius of the fingertip, in the mesh's unit.
         depth: indentation depth, in the mesh's unit.
         out: folder in which completed points are kept, so that an interrupted map can be resumed.
@@ -248,7 +256,7 @@ def press_map(
     native = _with_files(
         Scene.from_any(body).updated({k: v for k, v in changes if v is not None}),
         lambda entries, folder: _palpate.PressMap(
-            entries, folder, (along, across), radius, depth, adapter
+            entries, folder, (along, across), _area(at, side), (radius, depth), adapter
         ),
     )
     mark = native.mark()
@@ -270,6 +278,13 @@ def press_map(
         if kept is not None:
             _keep(native.found(), mark, kept)
     return _measured(native)
+
+
+def _area(at: Sequence[float] | None, side: float | None) -> _Area:
+    if at is None:
+        return None, side
+    x, y, z = (float(k) for k in at)
+    return (x, y, z), side
 
 
 def _measured(native: _palpate.PressMap) -> PressMap:

@@ -29,7 +29,7 @@ from ._errors import Error, InputError
 from ._identify import Identified, Measurement
 from ._identify import identify as _identified
 from ._mesh import Mesh, PathOf
-from ._press import PressMap, _found_before, _keep, _measured, _percent, _with_files
+from ._press import PressMap, _Area, _area, _found_before, _keep, _measured, _percent, _with_files
 from ._scene import BodyLike, Scene, picture_entries
 from ._stage import Picture, Simulator, stage_of
 
@@ -37,6 +37,10 @@ from ._stage import Picture, Simulator, stage_of
 Measured = dict[str, Any]
 #: Number of retries of a task whose worker was lost.
 RETRIES = 3
+#: Number of points, area, radius and depth, and adapter of a map.
+_MapSettings = tuple[
+    tuple[int, int], _Area, tuple[Union[float, None], Union[float, None]], Union[str, None]
+]
 
 
 @dataclass(frozen=True)
@@ -218,6 +222,8 @@ def press_map(
     points: Sequence[int],
     client: Any,
     *,
+    at: Sequence[float] | None = None,
+    side: float | None = None,
     radius: float | None = None,
     depth: float | None = None,
     out: PathOf | None = None,
@@ -232,6 +238,8 @@ def press_map(
         body: mesh, body, scene of one body, or path of a file.
         points: numbers of points along the two sides.
         client: ``distributed.Client``.
+        at: centre of the map, as in :func:`palpate.press_map`.
+        side: length of its sides.
         radius: radius of the fingertip, in the mesh's unit.
         depth: indentation depth, in the mesh's unit.
         out: folder in which completed points are kept, as in :func:`palpate.press_map`.
@@ -242,7 +250,8 @@ def press_map(
     """
     changes = [("accuracy.within", _percent(within)), ("accuracy.max_tets", max_tets)]
     scene = Scene.from_any(body).updated({k: v for k, v in changes if v is not None})
-    wanted = ((int(points[0]), int(points[1])), radius, depth, adapter)
+    count = (int(points[0]), int(points[1]))
+    wanted: _MapSettings = (count, _area(at, side), (radius, depth), adapter)
     native = _map(scene, *wanted)
     mark = native.mark()
     kept = None if out is None else Path(out) / "map.json"
@@ -529,20 +538,22 @@ def _draw(
 def _map(
     scene: Scene,
     points: tuple[int, int],
-    radius: float | None,
-    depth: float | None,
+    area: _Area,
+    radius_and_depth: tuple[float | None, float | None],
     adapter: str | None,
 ) -> _palpate.PressMap:
     native: _palpate.PressMap = _with_files(
         scene,
-        lambda entries, folder: _palpate.PressMap(entries, folder, points, radius, depth, adapter),
+        lambda entries, folder: _palpate.PressMap(
+            entries, folder, points, area, radius_and_depth, adapter
+        ),
     )
     return native
 
 
 def _press(
     scene: Scene,
-    wanted: tuple[tuple[int, int], float | None, float | None, str | None],
+    wanted: _MapSettings,
     number: int,
     count: int,
 ) -> tuple[float, float]:

@@ -207,13 +207,16 @@ impl PressMap {
         entries: &str,
         folder: PathBuf,
         points: [u32; 2],
-        radius: Option<f64>,
-        depth: Option<f64>,
+        area: (Option<[f64; 3]>, Option<f64>),
+        radius_and_depth: (Option<f64>, Option<f64>),
         adapter: Option<String>,
     ) -> PyResult<PressMap> {
         let gpu = device(py, adapter)?;
+        let ((at, side), (radius, depth)) = (area, radius_and_depth);
         let wanted = MapOptions {
             points,
+            at: at.map(Into::into),
+            side,
             radius,
             depth,
         };

@@ -110,7 +110,8 @@ def test_sweep_matches_single_cases(client, tmp_path: Path, bar: palpate.Body) -
 
 def test_press_map_matches_single_machine(client, tmp_path: Path) -> None:
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}})
-    here = palpate.press_map(breast, (3, 2), radius=0.016)
+    how = {"radius": 0.016, "at": (0.01, 0.0, 0.05), "side": 0.08}
+    here = palpate.press_map(breast, (3, 2), **how)
     came: list[int] = []
 
     def each(number: int, stiffness: float) -> None:
@@ -118,13 +119,13 @@ def test_press_map_matches_single_machine(client, tmp_path: Path) -> None:
         if len(came) == 2:
             kill_one(client)
 
-    there = palpate.dask.press_map(breast, (3, 2), client, radius=0.016, out=tmp_path / "map", each=each)
+    there = palpate.dask.press_map(breast, (3, 2), client, out=tmp_path / "map", each=each, **how)
     assert sorted(came) == list(range(len(here.stiffness)))
     assert np.array_equal(there.points, here.points)
     assert np.allclose(there.stiffness, here.stiffness, rtol=1e-9)
     assert np.array_equal(there.picture, here.picture)
     came.clear()
-    palpate.dask.press_map(breast, (3, 2), client, radius=0.016, out=tmp_path / "map", each=each)
+    palpate.dask.press_map(breast, (3, 2), client, out=tmp_path / "map", each=each, **how)
     assert came == []
 
 

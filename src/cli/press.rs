@@ -37,7 +37,7 @@ pub struct PressArguments {
     #[arg(long, short)]
     out: PathBuf,
     /// Press on the boundary point nearest to x,y,z, in the mesh's unit [default: the point at the
-    /// centre of the picture]
+    /// centre of the picture]; with --side the centre of the map [default: of the body]
     #[arg(long, value_parser = triple, allow_hyphen_values = true, conflicts_with = "pick")]
     at: Option<Triple>,
     /// Press on the boundary point visible at X,Y of the picture, in pixels from the upper left
@@ -54,8 +54,12 @@ pub struct PressArguments {
     force: Option<f64>,
     /// Press on a grid of points from above instead, and write map.csv and map.png; resumes an
     /// interrupted map
-    #[arg(long, value_name = "NxM", value_parser = super::flag_values::size, conflicts_with_all = ["at", "pick", "force"])]
+    #[arg(long, value_name = "NxM", value_parser = super::flag_values::size, conflicts_with_all = ["pick", "force"])]
     map: Option<[u32; 2]>,
+    /// Set the length of the sides of the map, a square around --at, in the mesh's unit [default: the map
+    /// covers the body]
+    #[arg(long, value_name = "LENGTH", requires = "map")]
+    side: Option<f64>,
     /// Draw isolines on the cut face of pressed.png and press.gif: of displacement, or of the von Mises
     /// stress
     #[arg(long, value_name = "FIELD", value_parser = shown)]
@@ -111,6 +115,8 @@ pub fn run(gpu: &Gpu, arguments: &PressArguments) -> anyhow::Result<Outcome> {
     if let Some(points) = arguments.map {
         let wanted = MapOptions {
             points,
+            at: arguments.at.map(|t| DVec3::from(t.0)),
+            side: arguments.side,
             radius: arguments.radius,
             depth: arguments.depth,
         };

@@ -1,7 +1,5 @@
 //! Phantom of a breast on the chest muscle.
 
-#[cfg(all(feature = "study", feature = "identify"))]
-use super::lump::placed;
 use super::lump::{Lump, Organ, organ, surface_above};
 use super::shapes::{ellipsoid, rod, smooth_union};
 use crate::mesh::TetMesh;
@@ -29,15 +27,6 @@ const LUMP: [f64; 2] = [0.022, 0.022];
 /// for an invalid lump or one that does not fit.
 pub fn breast(tets: usize, lump: Option<Lump>) -> Result<TetMesh> {
     organ(Breast, tets, lump, &no_progress)
-}
-
-/// Returns the middle of a lump in a [`breast`], m.
-///
-/// # Errors
-/// As [`breast`].
-#[cfg(all(feature = "study", feature = "identify"))]
-pub(crate) fn middle_of_lump(lump: &Lump) -> Result<DVec3> {
-    placed(&Breast, lump).map(|(middle, _)| middle)
 }
 
 /// The shape of [`breast`].

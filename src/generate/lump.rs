@@ -171,8 +171,22 @@ fn volume(filled: &MeshedDomain, region: u16) -> f64 {
     own.sum()
 }
 
+/// Returns the middle of a lump in the organ of a name, m.
+///
+/// # Errors
+/// [`Error::Input`] for an organ without a lump, or for an invalid lump or one that does not fit.
+#[cfg(all(feature = "study", feature = "identify"))]
+pub(crate) fn middle_of_lump(organ: &str, lump: &Lump) -> Result<DVec3> {
+    let placed = match organ {
+        "breast" => placed(&super::breast::Breast, lump),
+        "liver" => placed(&super::liver::Liver, lump),
+        _ => Err(Error::Input(format!("{organ} has no lump"))),
+    };
+    placed.map(|(middle, _)| middle)
+}
+
 /// Returns the centre and radius of a lump.
-pub(super) fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
+fn placed<O: Organ>(organ: &O, lump: &Lump) -> Result<(DVec3, f64)> {
     let wrong = |why: String| Err(Error::Input(why));
     let positive = |x: f64| x.is_finite() && x > 0.0;
     if !(positive(lump.diameter) && positive(lump.depth) && positive(lump.contrast)) {

@@ -24,8 +24,6 @@ pub use bar::{bar, bar_of_about, paper_bar};
 pub use benchmark::benchmark_cube;
 pub use biceps::biceps;
 pub use breast::breast;
-#[cfg(all(feature = "study", feature = "identify"))]
-pub(crate) use breast::middle_of_lump;
 pub use duct::{Bore, duct};
 pub use foot::{foot, foot_bones};
 #[cfg(feature = "study")]
@@ -35,5 +33,7 @@ pub use grid::{Split, box_mesh};
 pub use limb::{TISSUES, Tissue, limb};
 pub use liver::liver;
 pub use lump::Lump;
+#[cfg(all(feature = "study", feature = "identify"))]
+pub(crate) use lump::middle_of_lump;
 pub use named::{GENERATORS, by_name};
 pub(crate) use named::{by_name_with_progress, check_name, has_lump};

@@ -61,8 +61,7 @@ fn pressed(run: &Run, subject: &Subject, lump: [f64; 3]) -> Result<Vec<Cell>> {
     let place = middle(&scene.mesh.load()?)?;
     let wanted = MapOptions {
         points: [subject.points; 2],
-        radius: None,
-        depth: None,
+        ..MapOptions::default()
     };
     let mut map = PressMap::new(&scene, &wanted)?;
     map.measure(run.gpu, &mut |_| Ok(()))?;

@@ -247,7 +247,7 @@ pub fn map_of(points: [u32; 2]) -> MapOptions {
     MapOptions {
         points,
         radius: Some(0.025),
-        depth: None,
+        ..MapOptions::default()
     }
 }
 
@@ -323,6 +323,38 @@ fn stiffness_map_is_uniform_on_uniform_body_and_resumes() {
     );
 }
 
+/// A map of a part of the body has the points of its square only, and shows that part.
+#[test]
+fn map_of_a_part_covers_its_square() {
+    let gpu = gpu();
+    let scene = block("");
+    let whole = PressMap::new(&scene, &map_of([2, 2])).unwrap();
+    let (x, y) = (0.01, -0.02);
+    let wanted = MapOptions {
+        at: Some(DVec3::new(x, y, 0.1)),
+        side: Some(0.04),
+        ..map_of([2, 2])
+    };
+    let mut part = PressMap::new(&scene, &wanted).unwrap();
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
+    for (p, [right, ahead]) in part.points().iter().zip(corners) {
+        let there = DVec3::new(x + 0.01 * right, y + 0.01 * ahead, 0.1);
+        assert!(p.point.distance(there) < 1e-9, "{} {there}", p.point);
+    }
+    assert_ne!(part.fingerprint(), whole.fingerprint());
+    part.measure(&gpu, &mut |_| Ok(())).unwrap();
+    let image = part.image(&gpu).unwrap();
+    // The part is left of the legend; around it is the grey background.
+    let [width, height] = image.size.map(|n| n as usize);
+    let colourful = |share: f64| {
+        let pixel = height / 2 * width + (share * width as f64) as usize;
+        let own = &image.values[4 * pixel..4 * pixel + 3];
+        let [low, high] = [f32::min, f32::max].map(|of| own.iter().copied().fold(own[0], of));
+        high - low > 0.1
+    };
+    assert!(colourful(0.4) && !colourful(0.03));
+}
+
 #[test]
 fn stiffness_map_rejects_invalid_options() {
     let scene = block("");
@@ -341,6 +373,22 @@ fn stiffness_map_rejects_invalid_options() {
         ..map_of([2, 2])
     };
     assert!(error_of(&wrong).contains("radius must be positive and finite, got NaN"));
+    let centre = MapOptions {
+        at: Some(DVec3::ZERO),
+        ..map_of([2, 2])
+    };
+    assert!(error_of(&centre).contains("(--side)"));
+    let beside = MapOptions {
+        at: Some(DVec3::splat(3.0)),
+        side: Some(0.04),
+        ..map_of([2, 2])
+    };
+    assert!(error_of(&beside).contains("move the map (--at)"));
+    let no_side = MapOptions {
+        side: Some(0.0),
+        ..map_of([2, 2])
+    };
+    assert!(error_of(&no_side).contains("side of the map must be positive"));
 }
 
 #[test]

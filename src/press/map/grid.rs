@@ -1,9 +1,10 @@
-//! Grid of a map over a body's extent.
+//! Grid of a map over a body, or over a part of it.
 
+use super::MapOptions;
 use crate::mesh::TetMesh;
 use glam::DVec3;
 
-/// A grid over the body's extent, seen from above.
+/// A grid seen from above.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MapGrid {
     pub axes: [usize; 2],
@@ -13,18 +14,35 @@ pub(super) struct MapGrid {
 }
 
 impl MapGrid {
-    /// Covers the bounds of `mesh` with `count` cells, across `up`.
-    pub fn new(mesh: &TetMesh, up: DVec3, count: [u32; 2]) -> MapGrid {
+    /// Covers the bounds of `mesh`, or a square of the wanted side, across `up`.
+    pub fn new(mesh: &TetMesh, up: DVec3, wanted: &MapOptions) -> MapGrid {
         let axis = up.abs().max_position();
         let axes = [[1, 2], [0, 2], [0, 1]][axis];
-        let (low, high) = mesh.bounds();
-        let step = |k: usize| (high - low)[axes[k]] / f64::from(count[k]);
+        let (mut low, mut high) = mesh.bounds();
+        if let Some(side) = wanted.side {
+            let middle = wanted.at.unwrap_or(0.5 * (low + high));
+            for k in axes {
+                [low[k], high[k]] = [middle[k] - 0.5 * side, middle[k] + 0.5 * side];
+            }
+        }
+        let step = |k: usize| (high - low)[axes[k]] / f64::from(wanted.points[k]);
         MapGrid {
             axes,
-            count,
+            count: wanted.points,
             low,
             step: [step(0), step(1)],
         }
+    }
+
+    /// Returns the corners of the box above and below the cells, within the bounds of `mesh`.
+    pub fn bounds(&self, mesh: &TetMesh) -> (DVec3, DVec3) {
+        let (mut low, mut high) = mesh.bounds();
+        for (k, axis) in self.axes.into_iter().enumerate() {
+            let end = self.low[axis] + self.step[k] * f64::from(self.count[k]);
+            low[axis] = low[axis].max(self.low[axis]);
+            high[axis] = high[axis].min(end);
+        }
+        (low, high)
     }
 
     /// Returns the centre of a cell.

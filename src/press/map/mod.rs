@@ -33,10 +33,14 @@ const MOST: u32 = 1_000;
 const MIN_THICKNESS_RATIO: f64 = 3.0;
 
 /// Points and settings of a map; unset values are chosen from the body.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MapOptions {
-    /// Number of points along the two sides of the body, seen from above.
+    /// Number of points along the two sides of the map, seen from above.
     pub points: [u32; 2],
+    /// Centre of the map, in file units; only with a side. By default the centre of the body.
+    pub at: Option<DVec3>,
+    /// Length of the sides of the map, a square, in file units; by default it covers the body.
+    pub side: Option<f64>,
     /// Radius of the fingertip, in file units.
     pub radius: Option<f64>,
     /// Press depth, in file units; by default a tenth of the body's median thickness.
@@ -76,14 +80,27 @@ impl MapOptions {
                 "map size must be 1 to {MOST} points per side, got {n}x{m}"
             )));
         }
-        for (what, given) in [("radius", self.radius), ("depth", self.depth)] {
+        let lengths = [
+            ("press radius", self.radius),
+            ("press depth", self.depth),
+            ("side of the map", self.side),
+        ];
+        for (what, given) in lengths {
             if let Some(x) = given.filter(|x| !(x.is_finite() && *x > 0.0)) {
                 return Err(Error::Input(format!(
-                    "press {what} must be positive and finite, got {x}"
+                    "{what} must be positive and finite, got {x}"
                 )));
             }
         }
-        Ok(())
+        match self.at {
+            Some(_) if self.side.is_none() => Err(Error::Input(
+                "a map with a centre (--at) needs the length of its sides (--side)".into(),
+            )),
+            Some(at) if !at.is_finite() => Err(Error::Input(format!(
+                "centre of the map must be finite, got {at}"
+            ))),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -142,7 +159,7 @@ impl Sites {
         let typical = median(found.iter().map(|(_, spot)| spot.thickness).collect());
         let Some(typical) = typical else {
             return Err(Error::Input(
-                "no grid point is above a part of the body with a slope below 60°; increase the number of points (--map NxM)".into(),
+                "no grid point is above a part of the body with a slope below 60°; increase the number of points (--map NxM), or move the map (--at)".into(),
             ));
         };
         let depth = wanted.depth.unwrap_or(DEPTH * typical);
@@ -208,7 +225,7 @@ impl PressMap {
         let table = setup.table.as_ref().ok_or_else(|| {
             Error::Input("a map needs a body on a table, which this scene does not allow".into())
         })?;
-        let grid = MapGrid::new(&mesh, table.up(), wanted.points);
+        let grid = MapGrid::new(&mesh, table.up(), wanted);
         let boundary = Boundary::new(&mesh, &Topology::new(&mesh), &mesh.nodes);
         let found = Sites::new(&boundary, &grid, (table, setup.radius), wanted)?;
         let notes = found.notes.into_iter().chain(setup.order_note()).collect();

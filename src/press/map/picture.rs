@@ -4,7 +4,7 @@ use super::{MapPoint, PressMap};
 use crate::gpu::Gpu;
 use crate::mesh::{Field, Location};
 use crate::render::Image;
-use crate::scene::{CameraEntry, Stage};
+use crate::scene::{CameraEntry, PlaneEntry, Stage};
 use crate::{Error, Result};
 use glam::DVec3;
 
@@ -16,7 +16,8 @@ const LEGEND: f64 = 0.2;
 const FIELD: &str = "stiffness (N/m)";
 
 impl PressMap {
-    /// Renders the stiffness on the body, seen from above, interpolated between the points.
+    /// Renders the stiffness on the body, seen from above, interpolated between the points. A map of a
+    /// part of the body shows that part.
     ///
     /// # Errors
     /// [`Error::Input`] without any result; otherwise as rendering.
@@ -27,8 +28,8 @@ impl PressMap {
             ));
         }
         let mut mesh = self.bench.mesh.clone();
-        let shown = mesh.nodes.iter().map(|p| self.at(*p)).collect();
-        mesh.set_field(Field::scalar(FIELD, Location::Node, shown))?;
+        let values = mesh.nodes.iter().map(|p| self.at(*p)).collect();
+        mesh.set_field(Field::scalar(FIELD, Location::Node, values))?;
         let mut scene = self.bench.setup.scene.clone();
         scene.solver.name = None;
         scene.tool.clear();
@@ -36,6 +37,15 @@ impl PressMap {
         scene.plane.clear();
         scene.isosurface.clear();
         scene.skin.clear();
+        let shown = self.grid.bounds(&mesh);
+        if shown != mesh.bounds() {
+            let beyond = shown.0.distance(shown.1) * self.up.abs();
+            let [a, b] = [shown.0 - beyond, shown.1 + beyond].map(|p| p.to_array());
+            scene.plane.push(PlaneEntry {
+                around: Some([a[0], a[1], a[2], b[0], b[1], b[2]]),
+                ..PlaneEntry::default()
+            });
+        }
         let picture = &mut scene.picture;
         picture.region.clear();
         picture.field = Some(FIELD.into());
@@ -52,7 +62,7 @@ impl PressMap {
     /// Returns a camera that looks straight down, with room for a legend in an image of `size`
     /// pixels.
     fn view(&self, size: [u32; 2]) -> CameraEntry {
-        let (low, high) = self.bench.mesh.bounds();
+        let (low, high) = self.grid.bounds(&self.bench.mesh);
         let [across, ahead] = self.grid.axes.map(|axis| (high - low)[axis]);
         let aspect = f64::from(size[0]) / f64::from(size[1].max(1));
         let height = (VIEW_SCALE * ahead).max(VIEW_SCALE * across / (aspect * (1.0 - LEGEND)));
