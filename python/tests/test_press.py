@@ -120,20 +120,32 @@ def test_refined_scene_is_refined(tmp_path: Path) -> None:
     assert simulator.mesh.order == 2 and not any("not refined" in note for note in simulator.notes)
 
 
+def test_press_map_of_a_part(tmp_path: Path, run) -> None:
+    linear = {"material": {"order": 1}}
+    breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}, **linear})
+    part = palpate.press_map(breast, (2, 1), radius=0.016, at=(0.01, 0.0, 0.05), side=0.08)
+    assert np.allclose(part.points[:, :2], [(-0.01, 0.0), (0.03, 0.0)], atol=1e-9)
+    breast.write(tmp_path / "breast.toml")
+    flags = ["--map", "2x1", "--radius", "0.016", "--at", "0.01,0,0.05", "--side", "0.08"]
+    run("press", tmp_path / "breast.toml", *flags, "--out", tmp_path / "theirs")
+    rows = np.loadtxt(tmp_path / "theirs/map.csv", delimiter=",", skiprows=1)
+    assert np.array_equal(part.points, rows[:, :3])
+    assert np.allclose(part.stiffness, rows[:, 3], rtol=2e-3)
+    with pytest.raises(palpate.InputError, match="--side"):
+        palpate.press_map(breast, (2, 1), radius=0.016, at=(0.01, 0.0, 0.05))
+
+
 def test_press_map_resumes(tmp_path: Path, run) -> None:
     linear = {"material": {"order": 1}}
     breast = palpate.Scene({"mesh": {"generate": "breast", "tets": 3000, "lump_mm": 0}, **linear})
-    part = {"at": (0.01, 0.0, 0.05), "side": 0.08}
     with pytest.raises(RuntimeError, match="enough"):
-        palpate.press_map(breast, (3, 2), radius=0.016, out=tmp_path / "map", progress=stop, **part)
+        palpate.press_map(breast, (3, 2), radius=0.016, out=tmp_path / "map", progress=stop)
     begun = (tmp_path / "map/map.json").read_text()
     assert begun.count("null") < 6, "no completed points were kept"
-    whole = palpate.press_map(breast, (3, 2), radius=0.016, out=tmp_path / "map", **part)
-    assert (abs(whole.points[:, :2] - (0.01, 0.0)) < 0.04).all()
+    whole = palpate.press_map(breast, (3, 2), radius=0.016, out=tmp_path / "map")
     assert whole.points.shape == (len(whole.stiffness), 3) and (whole.stiffness > 0).all()
     breast.write(tmp_path / "breast.toml")
-    flags = ["--map", "3x2", "--radius", "0.016", "--at", "0.01,0,0.05", "--side", "0.08"]
-    run("press", tmp_path / "breast.toml", *flags, "--out", tmp_path / "theirs")
+    run("press", tmp_path / "breast.toml", "--map", "3x2", "--radius", "0.016", "--out", tmp_path / "theirs")
     rows = np.loadtxt(tmp_path / "theirs/map.csv", delimiter=",", skiprows=1)
     assert np.allclose(whole.stiffness, rows[:, 3], rtol=1e-9)
     with pytest.raises(palpate.InputError, match="a different body"):
