@@ -473,6 +473,47 @@ fn tool_forces_agree_across_precisions_and_threads() {
     }
 }
 
+/// A body that was pressed elsewhere before takes the same steps from a restored state as a new one, and one
+/// in contact those of an uninterrupted run.
+#[test]
+fn restored_body_takes_same_steps_whatever_was_pressed_before() {
+    let mesh = box_mesh([6, 6, 6], DVec3::splat(0.1), Split::Five).unwrap();
+    for kind in [SolverKind::Implicit, SolverKind::Bdf2, SolverKind::Midpoint] {
+        for friction in [0.0, 0.3] {
+            let make = || {
+                let mut pressed = Pressed::<f64>::new(&mesh, &material(0.4), kind, 2);
+                pressed.pin(&mesh, 1e-4);
+                let above = DVec3::new(0.05, 0.05, 0.125);
+                pressed.add(Shape::Sphere { radius: 0.02 }, above, friction);
+                pressed
+            };
+            let press = |pressed: &mut Pressed<f64>, at: DVec3, steps: std::ops::Range<u32>| {
+                for k in steps {
+                    let way = f64::from(k) / 6.0 * DVec3::new(0.005, 0.0, -0.012);
+                    pressed.go(at + way, 0.05);
+                }
+            };
+            let [here, there] = [0.05, 0.03].map(|x| DVec3::new(x, 0.05, 0.122));
+            let mut whole = make();
+            let rest = whole.body.state();
+            press(&mut whole, here, 0..4);
+            let middle = whole.body.state();
+            press(&mut whole, here, 4..7);
+            let moved = whole.body.displacements();
+            assert!(moved.iter().flatten().any(|x| x.abs() > 1e-3), "{kind}");
+            let mut used = make();
+            press(&mut used, there, 0..7);
+            used.body.resume(&rest).unwrap();
+            press(&mut used, here, 0..7);
+            assert_eq!(used.body.state(), whole.body.state(), "{kind}");
+            let mut late = make();
+            late.body.resume(&middle).unwrap();
+            press(&mut late, here, 4..7);
+            assert_eq!(late.body.state(), whole.body.state(), "{kind}");
+        }
+    }
+}
+
 #[test]
 fn initially_penetrating_nodes_are_pushed_out() {
     let mesh = box_mesh([6, 6, 3], DVec3::new(1.0, 1.0, 0.5), Split::Five).unwrap();

@@ -13,7 +13,6 @@ use super::contact_iterations::{
     FRICTION_UPDATE_RESIDUAL_RATIO, MAX_BLOCKED_MOTION_ITERATIONS, MAX_ROUNDOFF_ITERATIONS,
     RESUME_RESIDUAL_RATIO,
 };
-use super::contact_terms::self_contact;
 use super::linear_step::{LinearStepSolver, StepContext};
 use super::newton::{NewtonResult, NewtonSolver, PROJECTED_SOLVES};
 use super::schemes::StepCoefficients;
@@ -210,8 +209,8 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
     }
 
     fn check_residual(&mut self) -> State {
-        // The measure uses blocks of the previous step, which a resumed run does not have.
-        if self.contact && self.round == 0 && self_contact(self.terms).is_some() {
+        // The measure uses blocks of the previous step, which a restored state does not have.
+        if self.round == 0 {
             self.target_residual = 0.0;
         }
         let converged =
