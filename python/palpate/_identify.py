@@ -73,7 +73,8 @@ class Identified:
         intervals: for each the interval that holds it with a probability of 90 %.
         sentences: the results in words: intervals, what the data do not determine, misfits.
         report: content of ``identified.json``: ``unknowns, stiffness, misfit, noise, is_misfit,
-            converged, discretisation_errors, correlations, other_optima, next_press, seconds``.
+            converged, discretisation_errors, correction, correlations, other_optima, next_press,
+            seconds``.
         residuals: a row for each measured number: ``experiment, quantity, at, depth_m, measured,
             predicted, residual``; ``quantity`` is ``force`` (N), ``stiffness`` (N/m), or a number of a
             recording with its unit.
@@ -100,6 +101,7 @@ def identify(
     first_start: int = 0,
     profile: str | Sequence[str] = (),
     advice: bool = True,
+    correct: int = 0,
     adapter: str | None = None,
     progress: Progress | None = None,
 ) -> Identified:
@@ -124,6 +126,7 @@ def identify(
         profile: unknowns whose intervals are found by profile likelihood, which takes several
             predictions each.
         advice: whether to find the further press that would tell most.
+        correct: number of times that forces of linear tets are corrected by those of quadratic ones.
         adapter: graphics adapter.
         progress: called with the current stage and its completed fraction. Ctrl-C, or an exception it
             raises, cancels the search.
@@ -148,6 +151,7 @@ def identify(
                 first_start,
                 [profile] if isinstance(profile, str) else list(profile),
                 advice,
+                correct,
                 adapter,
                 progress,
             ),
@@ -156,6 +160,9 @@ def identify(
     sentences = found.pop("sentences")
     values = {one["name"]: one["value"] for one in found["unknowns"]}
     changes: dict[str, Any] = {name: x for name, x in values.items() if name.startswith("material.")}
+    if found["correction"] is not None:
+        # Linear tets with the same values have other forces.
+        changes |= {"material.order": 2, "material.volume": None}
     if mesh is not None:
         own = dict(scene.entries)
         own["mesh"] = {k: v for k, v in own.get("mesh", {}).items() if k == "unit"}

@@ -210,6 +210,7 @@ def identify(
     first_start: int,
     profiled: list[str],
     advise: bool,
+    corrections: int,
     adapter: str | None,
     progress: _Progress,
 ) -> tuple[str, str, Mesh | None]: ...

@@ -299,7 +299,7 @@ def identify(
         each: called with the index of the set, the number of the start and the result of each completed
             task.
         adapter: graphics adapter of the workers.
-        options: ``noise``, ``bounds``, ``first``, ``profile`` and ``advice`` as in :func:`palpate.identify`.
+        options: ``noise``, ``bounds``, ``first``, ``profile``, ``advice`` and ``correct`` as in :func:`palpate.identify`.
 
     Returns:
         For each set the result with the smallest misfit. Its ``other_optima`` are values of other starts

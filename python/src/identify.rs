@@ -28,6 +28,7 @@ pub fn identify(
     first_start: u32,
     profiled: Vec<String>,
     advise: bool,
+    corrections: u32,
     adapter: Option<String>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(String, String, Option<Mesh>)> {
@@ -43,6 +44,7 @@ pub fn identify(
             first_start,
             profiled,
             advise,
+            corrections,
             earlier: Vec::new(),
         };
         palpate::identify::identify(&gpu, &scene, &data, &options, &mut |_| Ok(()), progress)

@@ -34,7 +34,13 @@ def test_identify_finds_modulus_of_press_and_arrays() -> None:
     curve = palpate.PressCurve(press.point, direction, 0.03, depth, force)
     again = palpate.identify(block(6e3), [curve], "material.young", noise=0.01, advice=False)
     assert again.values["material.young"] == pytest.approx(found.values["material.young"], rel=1e-6)
-    assert again.report["next_press"] is None
+    assert again.report["next_press"] is None and again.report["correction"] is None
+
+    # Quadratic tets, which are softer, need a larger modulus for the forces of linear ones.
+    corrected = palpate.identify(block(6e3), curve, "material.young", noise=0.01, advice=False, correct=1)
+    assert corrected.report["correction"]["times"] == 1
+    assert corrected.values["material.young"] > 1.05 * again.values["material.young"]
+    assert corrected.scene.entries["material"]["order"] == 2
 
 
 def test_identify_rejects_unsuited_data() -> None:

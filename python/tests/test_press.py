@@ -130,7 +130,7 @@ def test_press_map_of_a_part(tmp_path: Path, run) -> None:
     run("press", tmp_path / "breast.toml", *flags, "--out", tmp_path / "theirs")
     rows = np.loadtxt(tmp_path / "theirs/map.csv", delimiter=",", skiprows=1)
     assert np.array_equal(part.points, rows[:, :3])
-    assert np.allclose(part.stiffness, rows[:, 3], rtol=2e-3)
+    assert np.allclose(part.stiffness, rows[:, 3], rtol=1e-9)
     with pytest.raises(palpate.InputError, match="--side"):
         palpate.press_map(breast, (2, 1), radius=0.016, at=(0.01, 0.0, 0.05))
 

@@ -1,5 +1,6 @@
 //! The further press that would tell most: the expected gain of information over places of the body.
 
+use super::chain::DerivedBy;
 use super::data::{Observed, Place};
 use super::forward::{BodyExperiment, MeasuredBody};
 use super::least_squares::Solution;
@@ -54,7 +55,7 @@ pub(super) fn best_press(
         .iter()
         .map(|place| (experiment.radius, place))
         .collect();
-    let forces = body.press_all((&best.values, false), &asked, progress)?;
+    let forces = body.press_all((&best.values, DerivedBy::Unknowns), &asked, progress)?;
     // Relative to its own force.
     let ratios = body.observations().iter().zip(body.standard_deviations());
     let noise = ratios

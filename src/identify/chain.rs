@@ -7,6 +7,15 @@ use crate::physics::{AmplitudeId, Parameter, Simulator};
 use crate::{Error, Result};
 use glam::DVec3;
 
+/// By what forces have derivatives.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum DerivedBy {
+    Nothing,
+    Unknowns,
+    /// Also by the logarithm of the stiffness of each element.
+    UnknownsAndElements,
+}
+
 /// One number's parameters: which of the engine's parameters it takes, with factors.
 pub(super) struct Chain {
     pub parameters: Vec<Parameter>,
@@ -18,9 +27,10 @@ impl MeasuredBody<'_> {
     /// Returns how the unknowns depend on parameters of the engine.
     pub(super) fn chain(
         &self,
-        (values, by_elements): (&[f64], bool),
+        (values, by): (&[f64], DerivedBy),
         simulator: &dyn Simulator,
     ) -> Result<Chain> {
+        let by_elements = by == DerivedBy::UnknownsAndElements;
         let mut chain = Chain {
             parameters: Vec::new(),
             terms: vec![Vec::new(); self.unknowns.len()],
@@ -98,7 +108,7 @@ impl MeasuredBody<'_> {
         values: &[f64],
         simulator: &dyn Simulator,
     ) -> Result<Chain> {
-        let mut chain = self.chain((values, false), simulator)?;
+        let mut chain = self.chain((values, DerivedBy::Unknowns), simulator)?;
         let Some(model) = simulator.model() else {
             return Ok(chain);
         };

@@ -27,6 +27,17 @@ pub(super) struct Prediction {
     pub slopes: Vec<Vec<f64>>,
 }
 
+impl Prediction {
+    /// Multiplies the numbers and their derivatives by `ratios`, which may be none.
+    pub fn multiply_by(&mut self, ratios: &[f64]) {
+        let rows = self.numbers.iter_mut().zip(&mut self.slopes);
+        for ((number, slopes), ratio) in rows.zip(ratios) {
+            *number *= ratio;
+            slopes.iter_mut().for_each(|slope| *slope *= ratio);
+        }
+    }
+}
+
 /// An experiment in the unit of a body.
 pub(super) struct BodyExperiment {
     pub name: String,
@@ -154,6 +165,7 @@ impl<'a> MeasuredBody<'a> {
                     if presser.is_none() {
                         let radius = presses.in_unit(1.0).radius;
                         let made = Presser::new(self.gpu, &self.scene, &self.mesh, radius)?;
+                        let made = made.with_derivatives()?;
                         self.unit = made.unit();
                         presser = Some(made);
                     }

@@ -3,9 +3,10 @@
 
 use super::IdentifyStep;
 use super::forward::{MeasuredBody, Prediction};
-use super::unknown::ScaledUnknown;
+use super::unknown::{Kind, ScaledUnknown};
 use crate::{Error, ProgressFn, Result};
 use nalgebra::{DMatrix, DVector};
+use std::cmp::Ordering;
 
 /// Largest number of steps.
 const MAX_STEPS: u32 = 40;
@@ -33,11 +34,14 @@ pub(super) type OnStep<'a> = &'a mut dyn FnMut(u32, f64, &[f64]) -> Result<()>;
 pub(super) struct Model<'a, 'b> {
     pub body: &'a MeasuredBody<'b>,
     pub progress: ProgressFn<'a>,
+    /// Factors of the predicted numbers, or none.
+    pub ratios: &'a [f64],
     /// An unknown that keeps its value.
     pub held: Option<usize>,
 }
 
 /// Values at the start.
+#[derive(Clone)]
 pub(super) struct Start {
     pub theta: DVector<f64>,
 }
@@ -55,12 +59,15 @@ impl Start {
         }
     }
 
+    /// Returns its values.
+    pub fn values(&self, unknowns: &[ScaledUnknown]) -> Vec<f64> {
+        let all = unknowns.iter().zip(&self.theta);
+        all.map(|(unknown, theta)| unknown.value(*theta)).collect()
+    }
+
     /// Returns a start where an earlier search was.
     pub fn from_step(step: &IdentifyStep, unknowns: &[ScaledUnknown]) -> Start {
-        let value = |unknown: &ScaledUnknown| {
-            let own = step.values.iter().find(|(name, _)| *name == unknown.name);
-            own.map_or(unknown.first, |(_, value)| *value)
-        };
+        let value = |unknown: &ScaledUnknown| step.value(&unknown.name).unwrap_or(unknown.first);
         let values: Vec<f64> = unknowns.iter().map(value).collect();
         Start::at(&values, unknowns)
     }
@@ -187,7 +194,17 @@ pub(super) fn distinct(sorted: &[Solution]) -> Vec<Solution> {
     kept
 }
 
-impl Model<'_, '_> {
+impl<'a, 'b> Model<'a, 'b> {
+    /// Creates a model without corrections in which no unknown is held.
+    pub fn new(body: &'a MeasuredBody<'b>, progress: ProgressFn<'a>) -> Model<'a, 'b> {
+        Model {
+            body,
+            progress,
+            ratios: &[],
+            held: None,
+        }
+    }
+
     /// Returns residuals and derivatives at θ, which is moved into the bounds.
     ///
     /// # Errors
@@ -199,7 +216,9 @@ impl Model<'_, '_> {
             .zip(theta)
             .map(|(unknown, theta)| unknown.value(*theta))
             .collect();
-        let Prediction { numbers, slopes } = self.body.predict(&values, self.progress)?;
+        let mut prediction = self.body.predict(&values, self.progress)?;
+        prediction.multiply_by(self.ratios);
+        let Prediction { numbers, slopes } = prediction;
         let sigma = self.body.standard_deviations();
         let observations = self.body.observations();
         let data = numbers.len();
@@ -249,7 +268,16 @@ impl Model<'_, '_> {
         let unknowns = self.body.unknowns().iter().enumerate();
         let moved = unknowns.map(|(k, unknown)| {
             let value = now.values[k];
-            let next = value + change[k] * unknown.slope(value);
+            let mut next = value + change[k] * unknown.slope(value);
+            if unknown.kind == Kind::LumpContrast {
+                // At a contrast of 1 a lump has no place, and no derivatives by it.
+                let nearest = value.sqrt();
+                next = match value.total_cmp(&1.0) {
+                    Ordering::Greater => next.max(nearest),
+                    Ordering::Less => next.min(nearest),
+                    Ordering::Equal => next,
+                };
+            }
             match unknown.is_logarithmic() {
                 true => unknown.theta(next.clamp(value / LARGEST_FACTOR, value * LARGEST_FACTOR)),
                 false => unknown.theta(next),

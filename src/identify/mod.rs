@@ -7,6 +7,7 @@
 
 mod best_press;
 mod chain;
+mod correction;
 mod data;
 mod forward;
 mod least_squares;
@@ -22,6 +23,7 @@ mod readings;
 mod recorded_body;
 mod recording;
 mod report;
+mod search;
 mod sentences;
 mod stiffness_grid;
 mod swing;
@@ -37,8 +39,10 @@ pub use unknown::Unknown;
 use crate::gpu::Gpu;
 use crate::scene::{Scene, scene_hash};
 use crate::{Error, ProgressFn, Result};
+use correction::Corrector;
 use forward::MeasuredBody;
-use least_squares::{Model, Solution, Start};
+use least_squares::{Model, Start};
+use search::Search;
 use serde::{Deserialize, Serialize};
 use web_time::Instant;
 
@@ -62,6 +66,9 @@ pub struct IdentifyOptions {
     pub profiled: Vec<String>,
     /// Whether to find the press that would tell most.
     pub advise: bool,
+    /// Number of times that forces of linear tets are corrected by those of quadratic ones: at the first values,
+    /// then at those found.
+    pub corrections: u32,
     /// Steps of an earlier search of the same unknowns, with which each start goes on.
     pub earlier: Vec<IdentifyStep>,
 }
@@ -92,6 +99,20 @@ pub struct IdentifyStep {
     pub misfit: f64,
     /// Names and values of the unknowns.
     pub values: Vec<(String, f64)>,
+    /// Number of corrections by quadratic tets so far, and the factors of all numbers by the last of them.
+    #[serde(default)]
+    pub corrections: u32,
+    /// See `corrections`; empty without one.
+    #[serde(default)]
+    pub ratios: Vec<f64>,
+}
+
+impl IdentifyStep {
+    /// Returns the value of an unknown.
+    fn value(&self, unknown: &str) -> Option<f64> {
+        let own = self.values.iter().find(|(name, _)| name == unknown);
+        own.map(|(_, value)| *value)
+    }
 }
 
 /// Finds the unknowns of `scene` from measurements; without unknowns it compares measured and predicted
@@ -111,18 +132,23 @@ pub fn identify(
 ) -> Result<Identified> {
     let clock = Instant::now();
     let body = MeasuredBody::new(gpu, scene, data, options)?;
-    let model = Model {
-        body: &body,
-        progress,
-        held: None,
-    };
+    let corrector = Corrector::new((gpu, scene, data), &body, options)?;
     let mut identified = if body.unknowns().is_empty() {
+        let model = Model::new(&body, progress);
         let now = model.at(&Start::number(0, &[]).theta)?;
         report::compared(&body, &now, options, progress)?
     } else {
         check(&body, options)?;
-        let found = search(&model, options, on_step)?;
-        report::identified(&model, found, options)?
+        let mut search = Search {
+            body: &body,
+            corrector: corrector.as_ref(),
+            options,
+            on_step,
+            progress,
+        };
+        let found = search.run()?;
+        let exact = corrector.as_ref().map(|corrector| &corrector.exact);
+        report::identified((&body, exact), found, options, progress)?
     };
     identified.seconds = clock.elapsed().as_secs_f64();
     Ok(identified)
@@ -221,53 +247,4 @@ fn check(body: &MeasuredBody, options: &IdentifyOptions) -> Result<()> {
             "\"{name}\" is no unknown, so that it has no interval (--profile)"
         ))),
     }
-}
-
-/// Searches from each start. Returns the best optimum, and others that explain the data nearly as well.
-fn search(
-    model: &Model,
-    options: &IdentifyOptions,
-    on_step: &mut dyn FnMut(&IdentifyStep) -> Result<()>,
-) -> Result<(Solution, Vec<Solution>)> {
-    let unknowns = model.body.unknowns();
-    let named = |values: &[f64]| {
-        let pairs = unknowns.iter().zip(values);
-        pairs
-            .map(|(own, value)| (own.name.clone(), *value))
-            .collect()
-    };
-    let mut found = Vec::new();
-    let starts = options.first_start..options.first_start + options.starts.max(1);
-    for start in starts.clone() {
-        let earlier = options.earlier.iter().rev();
-        let mut earlier = earlier.filter(|step| step.start == start + 1);
-        let (from, steps) = match (earlier.next(), start) {
-            (Some(last), _) => (Start::from_step(last, unknowns), last.step),
-            (None, 0) => {
-                let ball = lump_start::start_at_best_ball(model.body, model.progress)?;
-                (ball.unwrap_or_else(|| Start::number(0, unknowns)), 0)
-            }
-            (None, _) => (Start::number(start, unknowns), 0),
-        };
-        let mut each = |step: u32, misfit: f64, values: &[f64]| {
-            on_step(&IdentifyStep {
-                start: start + 1,
-                step: step + steps,
-                misfit,
-                values: named(values),
-            })
-        };
-        match least_squares::minimise(model, &from, &mut each) {
-            Ok(solution) => found.push(solution),
-            // Values far from the first ones may have no equilibrium.
-            Err(Error::Input(_) | Error::Solver { .. }) if start > starts.start => {}
-            Err(error) => return Err(error),
-        }
-    }
-    found.sort_by(|a, b| a.sum_of_squares().total_cmp(&b.sum_of_squares()));
-    let others = least_squares::distinct(&found);
-    let best = found.into_iter().next().ok_or_else(|| {
-        Error::Input("no start has led to values with an equilibrium; set bounds (--bounds)".into())
-    })?;
-    Ok((best, others))
 }

@@ -1,6 +1,6 @@
 //! What a scene predicts for presses, with derivatives by the adjoint method.
 
-use super::chain::Chain;
+use super::chain::{Chain, DerivedBy};
 use super::data::Place;
 use super::forward::{BodyExperiment, MeasuredBody, Prediction};
 use super::unknown::Kind;
@@ -32,7 +32,8 @@ impl MeasuredBody<'_> {
         let numbers = |values: &[f64]| {
             let places = self.places_at(values);
             let places: Vec<(f64, &Place)> = places.iter().map(|(r, p)| (*r, p)).collect();
-            let found = self.press_all((values, false), &places, progress)?;
+            let asked = (values, DerivedBy::Unknowns);
+            let found = self.press_all(asked, &places, progress)?;
             self.prediction(&places, found, count)
         };
         let mut prediction = numbers(values)?;
@@ -56,6 +57,30 @@ impl MeasuredBody<'_> {
         Ok(prediction)
     }
 
+    /// Returns all numbers of presses without derivatives, in the order of the observations; `None` for those of
+    /// recordings.
+    ///
+    /// # Errors
+    /// As a press.
+    pub(super) fn predict_forces(
+        &self,
+        values: &[f64],
+        progress: ProgressFn,
+    ) -> Result<Vec<Option<f64>>> {
+        let places = self.places_at(values);
+        let places: Vec<(f64, &Place)> = places.iter().map(|(r, p)| (*r, p)).collect();
+        let found = self.press_all((values, DerivedBy::Nothing), &places, progress)?;
+        let mut forces = self.prediction(&places, found, 0)?.numbers.into_iter();
+        let mut numbers = Vec::new();
+        for experiment in &self.experiments {
+            for _ in experiment.observed() {
+                let is_press = experiment.presses().is_some();
+                numbers.push(is_press.then(|| forces.next()).flatten());
+            }
+        }
+        Ok(numbers)
+    }
+
     /// Returns all places as the fingertip was off by the values of these unknowns.
     fn places_at(&self, values: &[f64]) -> Vec<(f64, Place)> {
         let mut offset = DVec3::ZERO;
@@ -74,20 +99,21 @@ impl MeasuredBody<'_> {
     }
 
     /// As [`MeasuredBody::predict`], and for each number its derivatives by the logarithm of the stiffness
-    /// of each element.
+    /// of each element; both times `ratios`, which may be none.
     ///
     /// # Errors
     /// As a press.
     pub fn predict_by_elements(
         &self,
         values: &[f64],
-        progress: ProgressFn,
+        (ratios, progress): (&[f64], ProgressFn),
     ) -> Result<(Prediction, Vec<Vec<f64>>)> {
         let places = self.places();
-        let found = self.press_all((values, true), &places, progress)?;
+        let found = self.press_all((values, DerivedBy::UnknownsAndElements), &places, progress)?;
         let count = self.unknowns.len();
         let all = count + self.lump.tets().len();
         let mut prediction = self.prediction(&places, found, all)?;
+        prediction.multiply_by(ratios);
         let rows = prediction.slopes.iter_mut();
         let by_element = rows.map(|row| row.split_off(count)).collect();
         Ok((prediction, by_element))
@@ -128,14 +154,13 @@ impl MeasuredBody<'_> {
     }
 
     /// Presses at all `places`, with the radii of the fingertips in file units, on all cores. Returns the
-    /// force at each depth of each with its derivatives by the unknowns, and by the stiffness of each element if
-    /// `by_elements`, or why a place failed.
+    /// force at each depth of each with the derivatives that are asked for, or why a place failed.
     ///
     /// # Errors
     /// [`Error::Cancelled`], and those of creating a simulator.
     pub fn press_all(
         &self,
-        (values, by_elements): (&[f64], bool),
+        (values, by): (&[f64], DerivedBy),
         places: &[(f64, &Place)],
         progress: ProgressFn,
     ) -> Result<Vec<Result<Vec<Gradient>>>> {
@@ -143,6 +168,10 @@ impl MeasuredBody<'_> {
         let threads = match cfg!(target_arch = "wasm32") {
             true => 1,
             false => std::thread::available_parallelism().map_or(1, usize::from),
+        };
+        let stage = match by {
+            DerivedBy::Nothing => "correcting",
+            _ => "pressing",
         };
         let next = AtomicUsize::new(0);
         let (sender, receiver) = mpsc::channel();
@@ -153,11 +182,7 @@ impl MeasuredBody<'_> {
                 let Some((radius, place)) = places.get(k) else {
                     return;
                 };
-                let forces = self.press(
-                    &mut made,
-                    (&scene, &mesh, (values, by_elements)),
-                    (*radius, place),
-                );
+                let forces = self.press(&mut made, (&scene, &mesh, (values, by)), (*radius, place));
                 if sender.send((k, forces)).is_err() {
                     return;
                 }
@@ -179,7 +204,7 @@ impl MeasuredBody<'_> {
                 found[k] = Some(forces);
                 done += 1;
                 let share = f64::from(done) / places.len() as f64;
-                let scope = ProgressScope::begin(progress, "pressing", share);
+                let scope = ProgressScope::begin(progress, stage, share);
                 if let Err(cancelled) = scope.and_then(|scope| scope.check_cancelled()) {
                     next.store(usize::MAX / 2, Ordering::Relaxed);
                     return Err(cancelled);
@@ -198,11 +223,14 @@ impl MeasuredBody<'_> {
     fn press(
         &self,
         made: &mut Option<(f64, Presser, Chain)>,
-        (scene, mesh, asked): (&Scene, &TetMesh, (&[f64], bool)),
+        (scene, mesh, asked): (&Scene, &TetMesh, (&[f64], DerivedBy)),
         (radius, place): (f64, &Place),
     ) -> Result<Vec<Gradient>> {
         if made.as_ref().is_none_or(|(own, ..)| *own != radius) {
-            let presser = Presser::new(self.gpu, scene, mesh, radius)?;
+            let mut presser = Presser::new(self.gpu, scene, mesh, radius)?;
+            if asked.1 != DerivedBy::Nothing {
+                presser = presser.with_derivatives()?;
+            }
             let chain = self.chain(asked, presser.simulator())?;
             *made = Some((radius, presser, chain));
         }
@@ -213,7 +241,7 @@ impl MeasuredBody<'_> {
         let depths: Vec<f64> = place.depths.iter().map(|d| d / presser.unit()).collect();
         let is_wanted = |k: usize| {
             let mut weights = place.observed.iter().flat_map(|observed| &observed.weights);
-            weights.any(|(own, _)| *own == k)
+            asked.1 != DerivedBy::Nothing && weights.any(|(own, _)| *own == k)
         };
         let forces = presser.press(site, &depths, (&chain.parameters, &is_wanted))?;
         Ok(forces

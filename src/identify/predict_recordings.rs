@@ -1,6 +1,6 @@
 //! What a scene predicts for recordings, with derivatives.
 
-use super::chain::Chain;
+use super::chain::{Chain, DerivedBy};
 use super::forward::{MeasuredBody, Prediction};
 use super::recorded_body::RecordedBody;
 use super::unknown::ScaledUnknown;
@@ -27,7 +27,7 @@ impl MeasuredBody<'_> {
         let (scene, mesh) = self.with_values(values);
         let chain = OnceCell::new();
         let found = recorded.at_rest((self.gpu, &scene, &mesh), &|simulator| {
-            let own = self.chain((values, false), simulator)?;
+            let own = self.chain((values, DerivedBy::Unknowns), simulator)?;
             let parameters = own.parameters.clone();
             chain.set(own).ok();
             Ok(parameters)

@@ -2,10 +2,12 @@
 
 use super::IdentifyOptions;
 use super::best_press::best_press;
+use super::correction::ForceCorrection;
 use super::data::{Place, Presses};
 use super::forward::{BodyExperimentKind, MeasuredBody, UNIT_NOISE};
 use super::least_squares::{Model, Solution};
 use super::profile;
+use super::search::Found;
 use super::sentences::{error_sentences, sentences};
 use super::uncertainty::Uncertainty;
 use super::unknown::Kind;
@@ -102,6 +104,8 @@ pub struct Identified {
     pub converged: bool,
     /// Relative discretisation error of each experiment, which the intervals include; `null` if unknown.
     pub discretisation_errors: Vec<Option<f64>>,
+    /// How quadratic tets corrected the forces of linear ones; `null` if they did not.
+    pub correction: Option<ForceCorrection>,
     /// Correlations of the unknowns, without the nodes.
     pub correlations: Vec<Vec<f64>>,
     /// Other values that explain the data nearly as well, from other starts.
@@ -147,6 +151,7 @@ pub(super) fn compared(
         is_misfit: false,
         converged: true,
         discretisation_errors: errors,
+        correction: None,
         correlations: Vec::new(),
         other_optima: Vec::new(),
         next_press: None,
@@ -165,37 +170,47 @@ pub(super) fn compared(
     Ok(found)
 }
 
-/// Describes the optimum `best`; `others` explain the data nearly as well.
+/// Describes what was found; results are those of the body with quadratic tets, `exact`, if its forces
+/// corrected those of `body`.
 ///
 /// # Errors
 /// As a press.
 pub(super) fn identified(
-    model: &Model,
-    (best, others): (Solution, Vec<Solution>),
+    (body, exact): (&MeasuredBody, Option<&MeasuredBody>),
+    found: Found,
     options: &IdentifyOptions,
+    progress: ProgressFn,
 ) -> Result<Identified> {
-    let (body, progress) = (model.body, model.progress);
+    let correction = found.correction(body);
+    let model = Model {
+        ratios: &found.ratios,
+        ..Model::new(body, progress)
+    };
+    let (best, exact) = (&found.best, exact.unwrap_or(body));
     if let Some(k) = (0..body.unknowns().len()).find(|k| best.jacobian.column(*k).amax() == 0.0) {
         return Err(Error::Input(format!(
             "the data do not depend on {}: no measured number changes with it; remove it (--unknown)",
             body.unknowns()[k].name
         )));
     }
-    let (scene, mut mesh) = body.with_values(&best.values);
-    let errors = discretisation_errors(body, (&scene, &mesh), progress)?;
+    let (scene, mut mesh) = exact.with_values(&best.values);
+    let errors = discretisation_errors(exact, (&scene, &mesh), progress)?;
     let relative: Vec<f64> = errors.iter().map(|error| error.unwrap_or(0.0)).collect();
-    let mut uncertainty = Uncertainty::new(body, &best, options.noise, &relative);
+    let mut uncertainty = Uncertainty::new(body, best, options.noise, &relative);
+    if let Some(change) = &found.last_change {
+        uncertainty.add_shift(change);
+    }
     for (k, unknown) in body.unknowns().iter().enumerate() {
         if options.profiles(&unknown.name) && !body.grid_nodes.contains(&k) {
-            uncertainty.reach[k] = profile::reach(model, (&best, k), &uncertainty)?;
+            uncertainty.reach[k] = profile::reach(&model, (best, k), &uncertainty)?;
             uncertainty.is_profiled[k] = true;
         }
     }
     let next_press = match options.advise {
-        true => best_press(body, (&best, &uncertainty), progress)?,
+        true => best_press(body, (best, &uncertainty), progress)?,
         false => None,
     };
-    mesh.fields.extend(uncertainty.spread_of_stiffness(body));
+    mesh.fields.extend(uncertainty.spread_of_stiffness(exact));
     let all = body.unknowns().iter().enumerate();
     let unknowns: Vec<IdentifiedValue> = all
         .filter(|(k, _)| !body.grid_nodes.contains(k))
@@ -211,12 +226,13 @@ pub(super) fn identified(
             }
         })
         .collect();
+    let others = found.others.iter().map(|other| other.values.clone());
     let noise = body.standard_deviations().iter().zip(body.observations());
     let noise = noise
         .map(|(sigma, observed)| sigma / observed.scale)
         .fold(0.0, f64::max);
-    let mut found = Identified {
-        stiffness: stiffness_factors(body, &best, &uncertainty),
+    let mut report = Identified {
+        stiffness: stiffness_factors(body, best, &uncertainty),
         misfit: best.misfit(),
         noise: match options.noise {
             Some(noise) => noise,
@@ -225,12 +241,13 @@ pub(super) fn identified(
         is_misfit: uncertainty.is_misfit,
         converged: best.converged,
         discretisation_errors: errors,
+        correction,
         correlations: uncertainty.correlations(&body.grid_nodes),
-        other_optima: others.into_iter().map(|other| other.values).collect(),
+        other_optima: others.collect(),
         next_press,
         sentences: Vec::new(),
         seconds: 0.0,
-        residuals: residuals(body, &best),
+        residuals: residuals(body, best),
         scene,
         mesh,
         has_field: body.unknowns().iter().any(|unknown| {
@@ -238,8 +255,8 @@ pub(super) fn identified(
         }),
         unknowns,
     };
-    found.sentences = sentences(&found, body.unknowns(), &uncertainty);
-    Ok(found)
+    report.sentences = sentences(&report, body.unknowns(), &uncertainty);
+    Ok(report)
 }
 
 /// Returns the factors at the nodes of a stiffness that varies.
@@ -390,13 +407,19 @@ impl Identified {
         self.has_field.then_some(&self.mesh)
     }
 
-    /// Writes the scene file `from` with the values as `to`. A lump, or a stiffness that varies, is written as
-    /// a field of the mesh, beside the scene with the extension `.vtu`.
+    /// Writes the scene file `from` with the values as `to`, with quadratic tets if they corrected the forces.
+    /// A lump, or a stiffness that varies, is written as a field of the mesh, beside the scene with the
+    /// extension `.vtu`.
     ///
     /// # Errors
     /// As reading and writing a scene.
     pub fn write(&self, from: &Path, to: &Path) -> Result<()> {
         let mut patch = ScenePatch::read(from, to)?;
+        if self.correction.is_some() {
+            // Linear tets with the same values have other forces.
+            patch.set(&["material", "order"], 2_i64)?;
+            patch.remove_key("material", "volume");
+        }
         if self.has_field {
             let file = to.with_extension("vtu");
             io::write(&file, &self.mesh)?;

@@ -1,14 +1,18 @@
 //! The result of an identification in sentences.
 
-use super::report::{Identified, StiffnessFactor};
+use super::correction::ForceCorrection;
+use super::report::{Identified, IdentifiedValue, Residual, StiffnessFactor};
 use super::uncertainty::{PROBABILITY, Uncertainty};
 use super::unknown::ScaledUnknown;
+use crate::mesh::ElementOrder;
 use crate::number_format::{rounded, significant};
 
 /// Weights below this part of the largest are left out of a combination.
 const SMALL_WEIGHT: f64 = 0.1;
 /// Intervals of a factor that are wider than this hardly tell it.
 const WIDE: f64 = 4.0;
+/// Part of an interval by which the last correction of forces may change a value.
+const UNSETTLED: f64 = 0.2;
 /// Reaches of θ beyond which the sum of squares may be no parabola: a factor of 1.65, or half a large change.
 const SKEWED: f64 = 0.5;
 
@@ -56,9 +60,17 @@ pub(super) fn sentences(
         ));
     }
     if found.is_misfit {
+        let is_press = |row: &Residual| ["force", "stiffness"].contains(&row.quantity.as_str());
+        let may_be_corrected = found.correction.is_none()
+            && found.mesh.order == ElementOrder::Linear
+            && found.residuals.iter().any(is_press);
         all.push(format!(
-            "the scene does not explain the data: the residuals are {} times the stated noise; intervals are widened for it. Another start (--starts), law or shape, or other supports may explain them",
-            significant(uncertainty.noise_factor)
+            "the scene does not explain the data: the residuals are {} times the stated noise; intervals are widened for it. {}Another start (--starts), law or shape, or other supports may explain them",
+            significant(uncertainty.noise_factor),
+            match may_be_corrected {
+                true => "Linear tets may be a part of it (--correct 2). ",
+                false => "",
+            }
         ));
     }
     if !found.converged {
@@ -71,6 +83,12 @@ pub(super) fn sentences(
         &found.discretisation_errors,
         ", which the intervals include",
     ));
+    all.extend(
+        found
+            .correction
+            .iter()
+            .map(|own| correction_sentence(own, &found.unknowns)),
+    );
     for other in &found.other_optima {
         let values: Vec<String> = other.iter().map(|x| significant(*x)).collect();
         all.push(format!(
@@ -88,6 +106,33 @@ pub(super) fn sentences(
         )
     }));
     all
+}
+
+/// Returns how quadratic tets corrected the forces, and whether that has settled.
+fn correction_sentence(correction: &ForceCorrection, unknowns: &[IdentifiedValue]) -> String {
+    let [low, high] = correction.ratios.map(|ratio| 100.0 * (ratio - 1.0));
+    let by = format!("quadratic tets changed the forces by {low:+.1} to {high:+.1} %");
+    let more = format!("--correct {}", correction.times + 1);
+    let Some(changes) = &correction.last_changes else {
+        return format!(
+            "{by}; they were corrected once, at the first values: another correction at the values found shows how far those still change ({more})"
+        );
+    };
+    let width = |k: usize| unknowns[k].high - unknowns[k].low;
+    let share = |k: usize| changes[k].abs() / width(k).max(f64::MIN_POSITIVE);
+    let most =
+        (0..changes.len().min(unknowns.len())).max_by(|a, b| share(*a).total_cmp(&share(*b)));
+    match most {
+        Some(k) if share(k) > UNSETTLED => format!(
+            "{by}; the last correction changed {} by {}, which the intervals include: give more ({more})",
+            unknowns[k].name,
+            significant(changes[k])
+        ),
+        _ => format!(
+            "{by}; the last of {} corrections changed the values little",
+            correction.times
+        ),
+    }
 }
 
 /// Returns sentences about a stiffness that varies: the extremes, and where the data tell nothing.

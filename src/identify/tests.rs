@@ -1,6 +1,7 @@
 //! Derivatives of predicted numbers against central differences, and twins.
 #![allow(clippy::unwrap_used)]
 
+mod correction;
 mod friction;
 mod swings;
 
@@ -98,6 +99,23 @@ fn derivatives_by_lump_match_differences() {
     assert!(error < 1e-6 && wrong > 5e-5, "{error} {wrong}");
 }
 
+/// Sets the measured numbers of presses, each its own scale of noise.
+fn set_measured(presses: &mut [Experiment], measured: &[f64]) {
+    let mut numbers = measured.iter();
+    let presses = presses
+        .iter_mut()
+        .map(|experiment| match &mut experiment.kind {
+            data::ExperimentKind::Presses(presses) => presses,
+            data::ExperimentKind::Recording(_) => unreachable!(),
+        });
+    for place in presses.flat_map(|presses| &mut presses.places) {
+        for observed in &mut place.observed {
+            observed.value = *numbers.next().unwrap();
+            observed.scale = observed.value;
+        }
+    }
+}
+
 /// A stiff ball is found from a map and a curve of a body with one.
 #[test]
 fn lump_of_twin_is_found() {
@@ -121,19 +139,7 @@ fn lump_of_twin_is_found() {
     let truth = [2e4, 0.058, 0.045, 0.075, 0.04, 4.0];
     let body = MeasuredBody::new(&gpu, &scene, &twin, &wanted).unwrap();
     let measured = body.predict(&truth, &no_progress).unwrap().numbers;
-    let mut numbers = measured.iter();
-    let presses = twin
-        .iter_mut()
-        .map(|experiment| match &mut experiment.kind {
-            data::ExperimentKind::Presses(presses) => presses,
-            data::ExperimentKind::Recording(_) => unreachable!(),
-        });
-    for place in presses.flat_map(|presses| &mut presses.places) {
-        for observed in &mut place.observed {
-            observed.value = *numbers.next().unwrap();
-            observed.scale = observed.value;
-        }
-    }
+    set_measured(&mut twin, &measured);
     let mut misfits = Vec::new();
     let mut on_step = |step: &IdentifyStep| {
         println!("{step:?}");
@@ -168,11 +174,7 @@ fn profile_of_modulus_is_its_own() {
         ..options(&["material.young"])
     };
     let body = MeasuredBody::new(&gpu, &scene, &data(), &wanted).unwrap();
-    let model = Model {
-        body: &body,
-        progress: &no_progress,
-        held: None,
-    };
+    let model = Model::new(&body, &no_progress);
     let from = Start::number(0, body.unknowns());
     let best = least_squares::minimise(&model, &from, &mut |_, _, _| Ok(())).unwrap();
     let uncertainty = uncertainty::Uncertainty::new(&body, &best, wanted.noise, &[0.0; 2]);
@@ -189,9 +191,8 @@ fn profile_of_modulus_is_its_own() {
     let both = options(&["material.young", "material.poisson"]);
     let body = MeasuredBody::new(&gpu, &scene, &data(), &both).unwrap();
     let model = Model {
-        body: &body,
-        progress: &no_progress,
         held: Some(1),
+        ..Model::new(&body, &no_progress)
     };
     let from = Start::at(&[1e4, 0.3], body.unknowns());
     let held = least_squares::minimise(&model, &from, &mut |_, _, _| Ok(())).unwrap();

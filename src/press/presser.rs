@@ -20,7 +20,7 @@ const MAX_MORE_STEPS: u32 = 6;
 /// Smallest cosine between the outward direction and that away from the table of a further press.
 const MIN_UP_COSINE: f64 = 0.5;
 
-/// A simulator with a fingertip, in double precision, and its rest state.
+/// A simulator with a fingertip, and its rest state.
 pub(crate) struct Presser {
     motion: Motion,
     session: PressSession,
@@ -32,7 +32,7 @@ impl Presser {
     /// Places the body of `scene`, which is `mesh`, on a table, with a fingertip of `radius` in file units.
     ///
     /// # Errors
-    /// As [`PressSetup::on_table`] and [`Motion::new`]; [`Error::Input`] for a body without gradients.
+    /// As [`PressSetup::on_table`] and [`Motion::new`].
     pub fn new(gpu: &Gpu, scene: &Scene, mesh: &TetMesh, radius: f64) -> Result<Presser> {
         let mut setup = PressSetup::on_table(scene, mesh, Some(radius))?;
         let material = &mut setup.scene.material;
@@ -42,11 +42,7 @@ impl Presser {
             (material.damping_ratio, material.damping_hz) = (None, None);
         }
         let kind = SolverKind::Implicit;
-        let (mut motion, _) = Motion::new(gpu, &setup.scene, kind, mesh.clone(), None)?;
-        let gradients = motion.simulator.gradients();
-        Capability::Gradients
-            .require(gradients)?
-            .use_double_precision()?;
+        let (motion, _) = Motion::new(gpu, &setup.scene, kind, mesh.clone(), None)?;
         let saved = Capability::Checkpoints.require(motion.simulator.checkpoint())?;
         Ok(Presser {
             boundary: Boundary::at_rest(&motion),
@@ -54,6 +50,20 @@ impl Presser {
             session: PressSession::new(setup, &motion),
             motion,
         })
+    }
+
+    /// Prepares derivatives: the simulator then takes steps in double precision, which are slower.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for a body without gradients.
+    pub fn with_derivatives(mut self) -> Result<Presser> {
+        let gradients = self.motion.simulator.gradients();
+        Capability::Gradients
+            .require(gradients)?
+            .use_double_precision()?;
+        let saved = Capability::Checkpoints.require(self.motion.simulator.checkpoint())?;
+        self.rest = saved.state()?;
+        Ok(self)
     }
 
     /// Returns metres per file unit.
@@ -78,7 +88,8 @@ impl Presser {
     }
 
     /// Presses the body from rest at `site` to each of the `depths` (file units, increasing). Returns the
-    /// force at each (N), with its derivatives by `parameters` if `is_wanted` for its number.
+    /// force at each (N), with its derivatives by `parameters` if `is_wanted` for its number, which needs
+    /// [`Presser::with_derivatives`].
     ///
     /// # Errors
     /// As a simulation step and [`Gradients::gradient`](crate::physics::Gradients::gradient);

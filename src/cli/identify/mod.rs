@@ -44,6 +44,10 @@ pub struct IdentifyArguments {
     /// Start from so many values, because there may be several optima
     #[arg(long, default_value_t = 1)]
     starts: u32,
+    /// Correct the forces of linear tets by those of quadratic ones, so many times: at the first values, then at
+    /// those found. Each costs one prediction by quadratic tets, instead of all
+    #[arg(long, default_value_t = 0, value_name = "TIMES")]
+    correct: u32,
     /// Find the intervals of these unknowns by profile likelihood, for skewed ones; it takes several
     /// predictions for each end. all: of all but the places of a grid
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
@@ -71,6 +75,7 @@ pub fn run(gpu: &Gpu, arguments: &IdentifyArguments) -> anyhow::Result<Outcome> 
         starts: arguments.starts,
         profiled: arguments.profile.clone(),
         advise: !arguments.no_advice,
+        corrections: arguments.correct,
         ..IdentifyOptions::default()
     };
     let out = &arguments.out;
@@ -194,8 +199,12 @@ fn in_words(step: &IdentifyStep, options: &IdentifyOptions) -> String {
         Some(_) => format!("{} times the noise", rounded(step.misfit, 3)),
         None => format!("{} %", rounded(step.misfit, 3)),
     };
+    let correction = match step.corrections {
+        0 => String::new(),
+        times => format!("correction {times}, "),
+    };
     format!(
-        "{start}step {}: misfit {misfit}; {}",
+        "{start}{correction}step {}: misfit {misfit}; {}",
         step.step,
         values.join(", ")
     )

@@ -87,6 +87,7 @@ const PAGES: &[Page] = &[
             ("IdentifiedValue", "src/identify/report.rs"),
             ("StiffnessFactor", "src/identify/report.rs"),
             ("PressAdvice", "src/identify/report.rs"),
+            ("ForceCorrection", "src/identify/correction.rs"),
         ],
     ),
     (
