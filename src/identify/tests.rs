@@ -132,7 +132,7 @@ fn lump_of_twin_is_found() {
     ];
     let wanted = IdentifyOptions {
         noise: Some(0.005),
-        // The two before it end in another optimum, whose misfit is flagged.
+        // The best ball of the third diameter.
         first_start: 2,
         ..options(&["material.young", "lump"])
     };
