@@ -466,7 +466,8 @@ fn tool_forces_agree_across_precisions_and_threads() {
     let truth = force::<f64>(1);
     let size = truth.iter().map(|x| x * x).sum::<f64>().sqrt();
     assert!(truth[2] > 0.05 && -truth[0] > 0.1 * truth[2], "{truth:?}");
-    for (other, tolerance) in [(force::<f64>(3), 2e-3), (force::<f32>(2), 1e-2)] {
+    // Steps are solved until contact forces change by 10⁻³ and lagged friction by 3·10⁻³.
+    for (other, tolerance) in [(force::<f64>(3), 4e-3), (force::<f32>(2), 1e-2)] {
         for (a, b) in truth.iter().zip(other) {
             assert!((a - b).abs() < tolerance * size, "{truth:?} {other:?}");
         }

@@ -210,7 +210,7 @@ impl<'a, T: Real> NewtonIterations<'a, T> {
 
     fn check_residual(&mut self) -> State {
         // The measure uses blocks of the previous step, which a restored state does not have.
-        if self.round == 0 {
+        if self.contact && self.round == 0 {
             self.target_residual = 0.0;
         }
         let converged =
