@@ -114,6 +114,12 @@ fn correction_sentence(correction: &ForceCorrection, unknowns: &[IdentifiedValue
     let by = format!("quadratic tets changed the forces by {low:+.1} to {high:+.1} %");
     let more = format!("--correct {}", correction.times + 1);
     let Some(changes) = &correction.last_changes else {
+        if correction.times > 1 {
+            return format!(
+                "{by}; by how much the last of {} corrections changed the values is not known, because the search went on after it: one more shows it ({more})",
+                correction.times
+            );
+        }
         return format!(
             "{by}; they were corrected once, at the first values: another correction at the values found shows how far those still change ({more})"
         );
