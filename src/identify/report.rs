@@ -211,21 +211,7 @@ pub(super) fn identified(
         false => None,
     };
     mesh.fields.extend(uncertainty.spread_of_stiffness(exact));
-    let all = body.unknowns().iter().enumerate();
-    let unknowns: Vec<IdentifiedValue> = all
-        .filter(|(k, _)| !body.grid_nodes.contains(k))
-        .map(|(k, unknown)| {
-            let [low, high] = uncertainty.interval(k, unknown, best.theta[k]);
-            IdentifiedValue {
-                name: unknown.name.clone(),
-                value: best.values[k],
-                low,
-                high,
-                unit: unit_of(&unknown.kind),
-                at_bound: best.at_bound[k],
-            }
-        })
-        .collect();
+    let unknowns = values_with_intervals(body, best, &uncertainty);
     let others = found.others.iter().map(|other| other.values.clone());
     let noise = body.standard_deviations().iter().zip(body.observations());
     let noise = noise
@@ -257,6 +243,28 @@ pub(super) fn identified(
     };
     report.sentences = sentences(&report, body.unknowns(), &uncertainty);
     Ok(report)
+}
+
+/// Returns the unknowns but the nodes of a grid, with their intervals.
+fn values_with_intervals(
+    body: &MeasuredBody,
+    best: &Solution,
+    uncertainty: &Uncertainty,
+) -> Vec<IdentifiedValue> {
+    let all = body.unknowns().iter().enumerate();
+    all.filter(|(k, _)| !body.grid_nodes.contains(k))
+        .map(|(k, unknown)| {
+            let [low, high] = uncertainty.interval(k, unknown, best.theta[k]);
+            IdentifiedValue {
+                name: unknown.name.clone(),
+                value: best.values[k],
+                low,
+                high,
+                unit: unit_of(&unknown.kind),
+                at_bound: best.at_bound[k],
+            }
+        })
+        .collect()
 }
 
 /// Returns the factors at the nodes of a stiffness that varies.

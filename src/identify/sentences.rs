@@ -22,25 +22,7 @@ pub(super) fn sentences(
     scaled: &[ScaledUnknown],
     uncertainty: &Uncertainty,
 ) -> Vec<String> {
-    let percent = 100.0 * PROBABILITY;
-    let mut all: Vec<String> = Vec::new();
-    for value in &found.unknowns {
-        let unit = match value.unit {
-            "" => String::new(),
-            unit => format!(" {unit}"),
-        };
-        all.push(format!(
-            "{} = {}{unit}, {percent} % interval {} to {}{unit}{}",
-            value.name,
-            rounded(value.value, 4),
-            rounded(value.low, 3),
-            rounded(value.high, 3),
-            match value.at_bound {
-                true => "; it is at its bound, so the data ask for a value beyond it (--bounds)",
-                false => "",
-            }
-        ));
-    }
+    let mut all: Vec<String> = found.unknowns.iter().map(value_sentence).collect();
     let wide = scaled.iter().enumerate().filter(|(k, unknown)| {
         let is_shown = found.unknowns.iter().any(|own| own.name == unknown.name);
         is_shown && !uncertainty.is_profiled[*k] && uncertainty.reach[*k][0] > SKEWED
@@ -60,18 +42,7 @@ pub(super) fn sentences(
         ));
     }
     if found.is_misfit {
-        let is_press = |row: &Residual| ["force", "stiffness"].contains(&row.quantity.as_str());
-        let may_be_corrected = found.correction.is_none()
-            && found.mesh.order == ElementOrder::Linear
-            && found.residuals.iter().any(is_press);
-        all.push(format!(
-            "the scene does not explain the data: the residuals are {} times the stated noise; intervals are widened for it. {}Another start (--starts), law or shape, or other supports may explain them",
-            significant(uncertainty.noise_factor),
-            match may_be_corrected {
-                true => "Linear tets may be a part of it (--correct 2). ",
-                false => "",
-            }
-        ));
+        all.push(misfit_sentence(found, uncertainty.noise_factor));
     }
     if !found.converged {
         all.push(
@@ -106,6 +77,42 @@ pub(super) fn sentences(
         )
     }));
     all
+}
+
+/// Returns a value and its interval.
+fn value_sentence(value: &IdentifiedValue) -> String {
+    let unit = match value.unit {
+        "" => String::new(),
+        unit => format!(" {unit}"),
+    };
+    format!(
+        "{} = {}{unit}, {} % interval {} to {}{unit}{}",
+        value.name,
+        rounded(value.value, 4),
+        100.0 * PROBABILITY,
+        rounded(value.low, 3),
+        rounded(value.high, 3),
+        match value.at_bound {
+            true => "; it is at its bound, so the data ask for a value beyond it (--bounds)",
+            false => "",
+        }
+    )
+}
+
+/// Returns that the residuals are larger than the noise, and what may explain them.
+fn misfit_sentence(found: &Identified, noise_factor: f64) -> String {
+    let is_press = |row: &Residual| ["force", "stiffness"].contains(&row.quantity.as_str());
+    let may_be_corrected = found.correction.is_none()
+        && found.mesh.order == ElementOrder::Linear
+        && found.residuals.iter().any(is_press);
+    format!(
+        "the scene does not explain the data: the residuals are {} times the stated noise; intervals are widened for it. {}Another start (--starts), law or shape, or other supports may explain them",
+        significant(noise_factor),
+        match may_be_corrected {
+            true => "Linear tets may be a part of it (--correct 2). ",
+            false => "",
+        }
+    )
 }
 
 /// Returns how quadratic tets corrected the forces, and whether that has settled.
