@@ -15,12 +15,16 @@ const MAX_TRIALS: u32 = 8;
 /// Relative decrease of the sum of squares, and change of θ, below which the search ends.
 const ENOUGH: f64 = 1e-5;
 const SMALL_STEP: f64 = 1e-4;
+/// Distance of the optimum, in standard deviations that the residuals give θ, within which the search ends.
+const CLOSE: f64 = 0.03;
 /// Longest step of θ, for values and their logarithms, and largest factor of a value.
 const LONGEST_STEP: f64 = 1.0;
 const LONGEST_LOGARITHM: f64 = 4.0;
 const LARGEST_FACTOR: f64 = 5.0;
 /// Damping of the first step, and its factors after a success and a failure.
 const FIRST_DAMPING: f64 = 1e-3;
+/// Damping that only keeps the normal equations regular.
+const NO_DAMPING: f64 = 1e-9;
 const LESS: f64 = 0.2;
 const MORE: f64 = 6.0;
 /// θ of two starts that count as the same.
@@ -141,6 +145,10 @@ pub(super) fn minimise(model: &Model, start: &Start, each: OnStep<'_>) -> Result
     each(0, now.misfit(), &now.values)?;
     let mut damping = FIRST_DAMPING;
     for step in 1..=MAX_STEPS {
+        if model.is_close(&now) {
+            now.converged = true;
+            return Ok(now);
+        }
         let mut next = None;
         for _ in 0..MAX_TRIALS {
             let change = model.change(&now, damping);
@@ -262,9 +270,19 @@ impl<'a, 'b> Model<'a, 'b> {
         })
     }
 
+    /// Whether a Gauss–Newton step expects so small a decrease of the sum of squares that the optimum is within
+    /// the noise.
+    fn is_close(&self, now: &Solution) -> bool {
+        let change = self.change(now, NO_DAMPING);
+        let moved = &now.jacobian * change;
+        let expected = -2.0 * moved.dot(&now.residuals) - moved.norm_squared();
+        let freedom = now.residuals.len().saturating_sub(now.theta.len()).max(1);
+        expected < CLOSE * CLOSE * now.sum_of_squares() / freedom as f64
+    }
+
     /// Returns θ after a change. Forces are proportional to moduli, so the change is one of the value, not
     /// of its logarithm: with one modulus a step ends at the optimum.
-    fn moved(&self, now: &Solution, change: &DVector<f64>) -> DVector<f64> {
+    pub(super) fn moved(&self, now: &Solution, change: &DVector<f64>) -> DVector<f64> {
         let unknowns = self.body.unknowns().iter().enumerate();
         let moved = unknowns.map(|(k, unknown)| {
             let value = now.values[k];

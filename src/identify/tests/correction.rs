@@ -75,8 +75,8 @@ fn corrected_linear_tets_find_modulus_of_quadratic_ones() {
 #[test]
 fn second_correction_is_made_at_the_values_found() {
     let truth = [2e4, 0.45];
-    let found = |corrections| found_in_twin((&BOTH, truth), corrections, None).0;
-    let [plain, once, twice] = [0, 1, 2].map(found);
+    let found = |corrections| found_in_twin((&BOTH, truth), corrections, None);
+    let [(plain, _), (once, _), (twice, last)] = [0, 1, 2].map(found);
     let said = plain.sentences.join("\n");
     assert!(plain.is_misfit && said.contains("(--correct 2)"), "{said}");
     for corrected in [&once, &twice] {
@@ -94,7 +94,14 @@ fn second_correction_is_made_at_the_values_found() {
             (change - own).abs() < 1e-6 * twice.unknowns[k].value,
             "{change} {own}"
         );
-    }
+    } // What the last correction changed is not known to a search that goes on after it.
+    let (resumed, _) = found_in_twin((&BOTH, truth), 2, Some(&last));
+    assert_eq!(resumed.correction.as_ref().unwrap().last_changes, None);
+    let said = resumed.sentences.join("\n");
+    assert!(
+        said.contains("is not known") && said.contains("(--correct 3)"),
+        "{said}"
+    );
 }
 
 /// Quadratic tets, and what has no unknowns, have nothing to correct.
