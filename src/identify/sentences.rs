@@ -208,8 +208,9 @@ fn combination(scaled: &[ScaledUnknown], weights: &[f64]) -> String {
         .collect();
     let are_powers = large.iter().all(|(unknown, _)| unknown.is_logarithmic());
     let term = |(unknown, weight): &(&ScaledUnknown, f64)| match (*weight == 1.0, are_powers) {
-        (true, _) => unknown.name.clone(),
-        (false, true) => format!("{}^{weight:.2}", unknown.name),
+        (true, true) => unknown.factor_name(),
+        (true, false) => unknown.name.clone(),
+        (false, true) => format!("{}^{weight:.2}", unknown.factor_name()),
         (false, false) => format!("{weight:.2} {}", unknown.name),
     };
     let terms: Vec<String> = large.iter().map(term).collect();

@@ -29,6 +29,8 @@ const OFFSET_SCALE: f64 = 0.02;
 /// Values of a lump at the start: ratio of stiffnesses, and diameter relative to the largest extent.
 const FIRST_CONTRAST: f64 = 2.0;
 const FIRST_DIAMETER: f64 = 0.12;
+/// Distance of a contrast from 1 that is hardly any.
+const NO_CONTRAST: f64 = 0.02;
 
 /// What an unknown is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -170,8 +172,19 @@ fn grid_of(name: &str) -> Option<Kind> {
     (length.is_finite() && length >= 1.0).then_some(Kind::StiffnessGrid(length as u64, variation))
 }
 
-/// An unknown with its bounds and first value in a body, and its scale: θ = ln v, or v over a large
-/// change.
+/// How θ depends on a value v.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Scale {
+    /// θ = ln v.
+    Logarithm,
+    /// θ = v over a large change.
+    Linear(f64),
+    /// θ = ± ln(1 + |v − 1|/[`NO_CONTRAST`]). What a small lump changes is proportional to d³(v − 1), with its
+    /// diameter d: such lumps are on a line of ln d and θ.
+    Contrast,
+}
+
+/// An unknown with its bounds and first value in a body, and its scale.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ScaledUnknown {
     pub name: String,
@@ -180,8 +193,7 @@ pub(super) struct ScaledUnknown {
     pub first: f64,
     /// Whether the first value was given.
     pub is_given: bool,
-    /// `None` for a logarithm.
-    scale: Option<f64>,
+    scale: Scale,
 }
 
 impl ScaledUnknown {
@@ -194,60 +206,16 @@ impl ScaledUnknown {
         scene: &Scene,
         (low, high): ([f64; 3], [f64; 3]),
     ) -> Result<ScaledUnknown> {
-        let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
-        let (bounds, first, scale) = match &unknown.kind {
-            Kind::Young(tissue) => (
-                YOUNG_BOUNDS,
-                scene.material.young_of(tissue.as_deref())?,
-                None,
-            ),
-            Kind::Poisson(tissue) => (
-                POISSON_BOUNDS,
-                scene.material.poisson_of_tissue(tissue.as_deref())?,
-                Some(POISSON_SCALE),
-            ),
-            Kind::Density(tissue) => (
-                DENSITY_BOUNDS,
-                scene.material.density_of(tissue.as_deref())?,
-                None,
-            ),
-            Kind::DampingRatio => (DAMPING_BOUNDS, scene.material.damping_ratio_at()?, None),
-            Kind::LumpPosition(k) => (
-                [low[*k], high[*k]],
-                0.5 * (low[*k] + high[*k]),
-                Some(POSITION_SCALE * extent),
-            ),
-            Kind::LumpDiameter => (
-                DIAMETER_BOUNDS.map(|x| x * extent),
-                FIRST_DIAMETER * extent,
-                None,
-            ),
-            Kind::LumpContrast => (CONTRAST_BOUNDS, FIRST_CONTRAST, None),
-            Kind::Gravity(k) => {
-                let gravity = scene.solver.gravity.ok_or_else(|| {
-                    Error::Input(
-                        "gravity is no entry of the scene; set its first value ([solver] gravity)"
-                            .into(),
-                    )
-                })?;
-                (GRAVITY_BOUNDS, gravity[*k], Some(GRAVITY_SCALE))
-            }
-            Kind::Pressure(n) => (PRESSURE_BOUNDS, scene.steady_pressure(*n)?, None),
-            Kind::ToolFriction(name) => (FRICTION_BOUNDS, scene.tool_friction(name)?, None),
-            Kind::FingerOffset(_) => {
-                let most = OFFSET_BOUND * extent;
-                ([-most, most], 0.0, Some(OFFSET_SCALE * extent))
-            }
-            Kind::StiffnessGrid(..) | Kind::StiffnessNode(_) => (FACTOR_BOUNDS, 1.0, None),
-        };
+        let (bounds, first, scale) = defaults(&unknown.kind, scene, (low, high))?;
         let [least, most] = unknown.bounds.unwrap_or(bounds);
         let first = unknown.first.unwrap_or(first.clamp(least, most));
-        let positive = scale.is_some() || least > 0.0;
+        let is_linear = matches!(scale, Scale::Linear(_));
+        let positive = is_linear || least > 0.0;
         if !(least < most && positive && (least..=most).contains(&first) && most.is_finite()) {
             return Err(Error::Input(format!(
                 "{} must start within its bounds, which must be increasing{}; got {first} in {least}..{most}",
                 unknown.name,
-                if scale.is_some() { "" } else { " and positive" }
+                if is_linear { "" } else { " and positive" }
             )));
         }
         Ok(ScaledUnknown {
@@ -262,26 +230,117 @@ impl ScaledUnknown {
 
     /// Returns θ of a value.
     pub fn theta(&self, value: f64) -> f64 {
-        self.scale.map_or_else(|| value.ln(), |scale| value / scale)
+        match self.scale {
+            Scale::Logarithm => value.ln(),
+            Scale::Linear(large) => value / large,
+            Scale::Contrast => {
+                let more = value - 1.0;
+                (more.abs() / NO_CONTRAST).ln_1p().copysign(more)
+            }
+        }
     }
 
     /// Returns the value of θ, within the bounds.
     pub fn value(&self, theta: f64) -> f64 {
-        let value = self
-            .scale
-            .map_or_else(|| theta.exp(), |scale| theta * scale);
+        let value = match self.scale {
+            Scale::Logarithm => theta.exp(),
+            Scale::Linear(large) => theta * large,
+            Scale::Contrast => 1.0 + (NO_CONTRAST * theta.abs().exp_m1()).copysign(theta),
+        };
         value.clamp(self.bounds[0], self.bounds[1])
     }
 
     /// Returns the derivative of the value by θ.
     pub fn slope(&self, value: f64) -> f64 {
-        self.scale.unwrap_or(value)
+        match self.scale {
+            Scale::Logarithm => value,
+            Scale::Linear(large) => large,
+            Scale::Contrast => NO_CONTRAST + (value - 1.0).abs(),
+        }
     }
 
-    /// Whether intervals are factors.
+    /// Whether intervals are factors: of the value, or of the distance of a contrast from 1.
     pub fn is_logarithmic(&self) -> bool {
-        self.scale.is_none()
+        !matches!(self.scale, Scale::Linear(_))
     }
+
+    /// Returns what intervals are factors of.
+    pub fn factor_name(&self) -> String {
+        match self.scale {
+            Scale::Contrast => format!("|{} − 1|", self.name),
+            Scale::Logarithm | Scale::Linear(_) => self.name.clone(),
+        }
+    }
+}
+
+/// Returns the bounds of a kind, its first value and its scale, in a body with the bounds `low` and `high`.
+///
+/// # Errors
+/// [`Error::Input`] for a tissue, a pressure or gravity that the scene lacks.
+fn defaults(
+    kind: &Kind,
+    scene: &Scene,
+    (low, high): ([f64; 3], [f64; 3]),
+) -> Result<([f64; 2], f64, Scale)> {
+    let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    let defaults = match kind {
+        Kind::Young(tissue) => (
+            YOUNG_BOUNDS,
+            scene.material.young_of(tissue.as_deref())?,
+            Scale::Logarithm,
+        ),
+        Kind::Poisson(tissue) => (
+            POISSON_BOUNDS,
+            scene.material.poisson_of_tissue(tissue.as_deref())?,
+            Scale::Linear(POISSON_SCALE),
+        ),
+        Kind::Density(tissue) => (
+            DENSITY_BOUNDS,
+            scene.material.density_of(tissue.as_deref())?,
+            Scale::Logarithm,
+        ),
+        Kind::DampingRatio => (
+            DAMPING_BOUNDS,
+            scene.material.damping_ratio_at()?,
+            Scale::Logarithm,
+        ),
+        Kind::LumpPosition(k) => (
+            [low[*k], high[*k]],
+            0.5 * (low[*k] + high[*k]),
+            Scale::Linear(POSITION_SCALE * extent),
+        ),
+        Kind::LumpDiameter => (
+            DIAMETER_BOUNDS.map(|x| x * extent),
+            FIRST_DIAMETER * extent,
+            Scale::Logarithm,
+        ),
+        Kind::LumpContrast => (CONTRAST_BOUNDS, FIRST_CONTRAST, Scale::Contrast),
+        Kind::Gravity(k) => {
+            let gravity = scene.solver.gravity.ok_or_else(|| {
+                Error::Input(
+                    "gravity is no entry of the scene; set its first value ([solver] gravity)"
+                        .into(),
+                )
+            })?;
+            (GRAVITY_BOUNDS, gravity[*k], Scale::Linear(GRAVITY_SCALE))
+        }
+        Kind::Pressure(n) => (
+            PRESSURE_BOUNDS,
+            scene.steady_pressure(*n)?,
+            Scale::Logarithm,
+        ),
+        Kind::ToolFriction(name) => (
+            FRICTION_BOUNDS,
+            scene.tool_friction(name)?,
+            Scale::Logarithm,
+        ),
+        Kind::FingerOffset(_) => {
+            let most = OFFSET_BOUND * extent;
+            ([-most, most], 0.0, Scale::Linear(OFFSET_SCALE * extent))
+        }
+        Kind::StiffnessGrid(..) | Kind::StiffnessNode(_) => (FACTOR_BOUNDS, 1.0, Scale::Logarithm),
+    };
+    Ok(defaults)
 }
 
 #[cfg(test)]

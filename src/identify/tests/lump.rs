@@ -79,7 +79,11 @@ fn step_keeps_side_of_contrast() {
     let data = twin(&gpu, &scene, &wanted);
     let body = MeasuredBody::new(&gpu, &scene, &data, &wanted).unwrap();
     let model = Model::new(&body, &no_progress);
-    for (contrast, change, expected) in [(4.0, -3.0, 2.0), (0.25, 3.0, 0.5), (4.0, 0.5, 6.0)] {
+    for (contrast, change, expected) in [
+        (4.0, -3.0, 1.75),
+        (0.2, 3.0, 0.8),
+        (4.0, 1e-4, 4.0 + 3.02e-4),
+    ] {
         let mut values = TRUTH;
         values[5] = contrast;
         let now = model
@@ -91,7 +95,7 @@ fn step_keeps_side_of_contrast() {
             theta: model.moved(&now, &changes),
         };
         let next = next.values(body.unknowns());
-        assert!((next[5] / expected - 1.0).abs() < 1e-9, "{next:?}");
+        assert!((next[5] / expected - 1.0).abs() < 1e-7, "{next:?}");
         assert!((next[4] / TRUTH[4] - 1.0).abs() < 1e-9, "{next:?}");
     }
 }
