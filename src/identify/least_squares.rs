@@ -17,10 +17,14 @@ const ENOUGH: f64 = 1e-5;
 const SMALL_STEP: f64 = 1e-4;
 /// Distance of the optimum, in standard deviations that the residuals give θ, within which the search ends.
 const CLOSE: f64 = 0.03;
+/// Relative error of predicted numbers: steps end at contact forces within it.
+const PREDICTION_ERROR: f64 = 1e-3;
 /// Longest step of θ, for values and their logarithms, and largest factor of a value.
 const LONGEST_STEP: f64 = 1.0;
 const LONGEST_LOGARITHM: f64 = 4.0;
 const LARGEST_FACTOR: f64 = 5.0;
+/// Smallest part of a contrast's distance from 1 that a step leaves.
+const NEAREST_CONTRAST: f64 = 0.25;
 /// Damping of the first step, and its factors after a success and a failure.
 const FIRST_DAMPING: f64 = 1e-3;
 /// Damping that only keeps the normal equations regular.
@@ -124,6 +128,18 @@ impl Solution {
         self.residuals.norm_squared()
     }
 
+    /// Returns by how much a change of θ is expected to decrease the sum of squares.
+    fn expected_decrease(&self, change: &DVector<f64>) -> f64 {
+        let moved = &self.jacobian * change;
+        -2.0 * moved.dot(&self.residuals) - moved.norm_squared()
+    }
+
+    /// Returns the variance of the residuals.
+    fn variance(&self) -> f64 {
+        let freedom = self.residuals.len().saturating_sub(self.theta.len()).max(1);
+        self.sum_of_squares() / freedom as f64
+    }
+
     /// Sum of the squares of the data.
     pub fn misfit_squares(&self) -> f64 {
         self.residuals.rows(0, self.data).norm_squared()
@@ -145,7 +161,8 @@ pub(super) fn minimise(model: &Model, start: &Start, each: OnStep<'_>) -> Result
     each(0, now.misfit(), &now.values)?;
     let mut damping = FIRST_DAMPING;
     for step in 1..=MAX_STEPS {
-        if model.is_close(&now) {
+        let expected = now.expected_decrease(&model.left(&now));
+        if expected < CLOSE.powi(2) * now.variance() {
             now.converged = true;
             return Ok(now);
         }
@@ -167,6 +184,7 @@ pub(super) fn minimise(model: &Model, start: &Start, each: OnStep<'_>) -> Result
                     next = Some(better);
                     break;
                 }
+                None if expected < model.error_of_squares(&now) => break,
                 None => damping *= MORE,
             }
         }
@@ -270,14 +288,17 @@ impl<'a, 'b> Model<'a, 'b> {
         })
     }
 
-    /// Whether a Gauss–Newton step expects so small a decrease of the sum of squares that the optimum is within
-    /// the noise.
-    fn is_close(&self, now: &Solution) -> bool {
-        let change = self.change(now, NO_DAMPING);
-        let moved = &now.jacobian * change;
-        let expected = -2.0 * moved.dot(&now.residuals) - moved.norm_squared();
-        let freedom = now.residuals.len().saturating_sub(now.theta.len()).max(1);
-        expected < CLOSE * CLOSE * now.sum_of_squares() / freedom as f64
+    /// Returns how far θ is from the optimum, as far as the derivatives tell.
+    pub fn left(&self, now: &Solution) -> DVector<f64> {
+        self.change(now, NO_DAMPING)
+    }
+
+    /// Returns the error of the sum of squares by that of the predicted numbers, which hides smaller decreases.
+    fn error_of_squares(&self, now: &Solution) -> f64 {
+        let numbers = now.predicted.iter().zip(self.body.standard_deviations());
+        let terms = numbers.zip(&now.residuals);
+        let terms = terms.map(|((number, sigma), residual)| residual * number / sigma);
+        2.0 * PREDICTION_ERROR * DVector::from_iterator(now.data, terms).norm()
     }
 
     /// Returns θ after a change. Forces are proportional to moduli, so the change is one of the value, not
@@ -285,20 +306,25 @@ impl<'a, 'b> Model<'a, 'b> {
     pub(super) fn moved(&self, now: &Solution, change: &DVector<f64>) -> DVector<f64> {
         let unknowns = self.body.unknowns().iter().enumerate();
         let moved = unknowns.map(|(k, unknown)| {
-            let value = now.values[k];
-            let mut next = value + change[k] * unknown.slope(value);
-            if unknown.kind == Kind::LumpContrast {
-                // At a contrast of 1 a lump has no place, and no derivatives by it.
-                let nearest = value.sqrt();
-                next = match value.total_cmp(&1.0) {
-                    Ordering::Greater => next.max(nearest),
-                    Ordering::Less => next.min(nearest),
-                    Ordering::Equal => next,
-                };
-            }
-            match unknown.is_logarithmic() {
-                true => unknown.theta(next.clamp(value / LARGEST_FACTOR, value * LARGEST_FACTOR)),
-                false => unknown.theta(next),
+            let (value, theta) = (now.values[k], now.theta[k]);
+            let most = LARGEST_FACTOR.ln();
+            match unknown.kind {
+                Kind::LumpDiameter => theta + change[k].clamp(-most, most),
+                Kind::LumpContrast => {
+                    // At a contrast of 1 a lump has no place, and no derivatives by it.
+                    let nearest = unknown.theta(1.0 + NEAREST_CONTRAST * (value - 1.0));
+                    let next = theta + change[k].clamp(-most, most);
+                    match value.total_cmp(&1.0) {
+                        Ordering::Greater => next.max(nearest),
+                        Ordering::Less => next.min(nearest),
+                        Ordering::Equal => next,
+                    }
+                }
+                _ if unknown.is_logarithmic() => {
+                    let next = value * (1.0 + change[k]);
+                    unknown.theta(next.clamp(value / LARGEST_FACTOR, value * LARGEST_FACTOR))
+                }
+                _ => theta + change[k],
             }
         });
         DVector::from_iterator(change.len(), moved)

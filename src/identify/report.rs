@@ -197,6 +197,7 @@ pub(super) fn identified(
     let errors = discretisation_errors(exact, (&scene, &mesh), progress)?;
     let relative: Vec<f64> = errors.iter().map(|error| error.unwrap_or(0.0)).collect();
     let mut uncertainty = Uncertainty::new(body, best, options.noise, &relative);
+    uncertainty.add_shift(&model.left(best));
     if let Some(change) = &found.last_change {
         uncertainty.add_shift(change);
     }

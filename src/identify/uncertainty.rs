@@ -33,7 +33,8 @@ pub(super) struct Uncertainty {
     pub noise_factor: f64,
     /// Whether the residuals are larger than the stated noise explains.
     pub is_misfit: bool,
-    /// Largest change of each θ by the discretisation error, and by the last correction of forces.
+    /// Largest change of each θ by the discretisation error, by what was left of the search, and by the last
+    /// correction of forces.
     pub shift: DVector<f64>,
     /// How far an error of the scene could have moved each θ, if what the unknowns have absorbed of it is as
     /// large as what the residuals show (a standard deviation, in their norm). 0 if the scene explains the data.
@@ -106,7 +107,7 @@ impl Uncertainty {
         }
     }
 
-    /// Adds a change of each θ whose sign at the limit is unknown.
+    /// Adds a change of each θ of unknown sign.
     pub fn add_shift(&mut self, change: &DVector<f64>) {
         self.shift
             .zip_apply(change, |own, more| *own = own.hypot(more));
