@@ -80,6 +80,15 @@ fn vectors_in_lps() -> Vec<u8> {
     bytes
 }
 
+const NAMES: [&str; 3] = ["material.young", "gravity.y", "pressure.1"];
+
+/// The hanging beam with other values of these.
+fn first_guess() -> Scene {
+    let first = LEANING.replace("young = 1e5", "young = 7e4");
+    let first = first.replace("[0.0, 2.0, -9.0]", "[0.0, 0.0, -9.0]");
+    Scene::parse(&first.replace("pressure = 300.0", "pressure = 150.0")).unwrap()
+}
+
 /// Modulus, gravity and pressure from displacements and a reaction at rest; derivatives against differences.
 #[test]
 fn measurements_at_rest_are_explained() {
@@ -87,12 +96,9 @@ fn measurements_at_rest_are_explained() {
     let truth = Scene::parse(LEANING).unwrap();
     let file = measure_at_rest(folder.path(), &truth);
     let data = Experiment::read(&file).unwrap();
-    let first = LEANING.replace("young = 1e5", "young = 7e4");
-    let first = first.replace("[0.0, 2.0, -9.0]", "[0.0, 0.0, -9.0]");
-    let scene = Scene::parse(&first.replace("pressure = 300.0", "pressure = 150.0")).unwrap();
-    let names = ["material.young", "gravity.y", "pressure.1"];
+    let scene = first_guess();
     let gpu = gpu();
-    let body = MeasuredBody::new(&gpu, &scene, &data, &options(&names)).unwrap();
+    let body = MeasuredBody::new(&gpu, &scene, &data, &options(&NAMES)).unwrap();
     let values = [9e4, 1.5, 200.0];
     let own = body.predict(&values, &no_progress).unwrap();
     for (k, value) in values.into_iter().enumerate() {
@@ -113,14 +119,14 @@ fn measurements_at_rest_are_explained() {
             (row[k] * value - (high - low) / 1e-2).abs() / observed.scale
         });
         let worst = off.fold(0.0, f64::max);
-        println!("{}: {worst:.1e}", names[k]);
-        assert!(worst < 1e-4, "{}: {worst}", names[k]);
+        println!("{}: {worst:.1e}", NAMES[k]);
+        assert!(worst < 1e-4, "{}: {worst}", NAMES[k]);
     }
     let found = identify(
         &gpu,
         &scene,
         &data,
-        &options(&names),
+        &options(&NAMES),
         &mut |_| Ok(()),
         &no_progress,
     )
@@ -133,13 +139,22 @@ fn measurements_at_rest_are_explained() {
             "{value:?} {truth}"
         );
     }
+}
+
+/// Displacements of a NIfTI file, and files that are wrong.
+#[test]
+fn files_of_displacements_are_read_or_rejected() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = measure_at_rest(folder.path(), &Scene::parse(LEANING).unwrap());
+    let scene = first_guess();
+    let gpu = gpu();
     // The file by itself, whose field has another name.
     let why = Experiment::read(folder.path().join("bent.vtu")).and_then(|data| {
         identify(
             &gpu,
             &scene,
             &data,
-            &options(&names),
+            &options(&NAMES),
             &mut |_| Ok(()),
             &no_progress,
         )
@@ -154,7 +169,7 @@ fn measurements_at_rest_are_explained() {
         .replace("field = \"u\"\n", "");
     std::fs::write(&file, here).unwrap();
     let data = Experiment::read(&file).unwrap();
-    let body = MeasuredBody::new(&gpu, &scene, &data, &options(&names)).unwrap();
+    let body = MeasuredBody::new(&gpu, &scene, &data, &options(&NAMES)).unwrap();
     let observed = body.observations();
     assert_eq!(observed.len(), 8 * 3 + 1);
     let (at, moved) = (observed[0].at, [0, 1, 2].map(|k| observed[k].value));
@@ -172,7 +187,7 @@ fn measurements_at_rest_are_explained() {
                 &gpu,
                 &scene,
                 &data,
-                &options(&names),
+                &options(&NAMES),
                 &mut |_| Ok(()),
                 &no_progress,
             )
