@@ -80,7 +80,9 @@ pub fn with_stages<T>(work: impl FnOnce(palpate::ProgressFn) -> T) -> T {
     if let Ok(style) = ProgressStyle::with_template("{msg:12} {wide_bar} [{elapsed}]") {
         bar.set_style(style);
     }
-    let progress = ProgressReporter::new(bar, State::new("", 0));
+    // Until the work names its first stage.
+    bar.set_message("preparing");
+    let progress = ProgressReporter::new(bar, State::new("preparing", 0));
     let result = work(&|what, done| {
         progress.bar.set_message(what.to_owned());
         progress.bar.set_position((done * BAR_STEPS as f64) as u64);

@@ -6,6 +6,9 @@ use palpate::number_format::rounded;
 use palpate::study::{Axis, Chart, Series, SeriesStyle};
 use std::path::Path;
 
+/// Largest number of values that fit into the title.
+const SHOWN_VALUES: usize = 3;
+
 /// Draws measured and predicted forces against depth; where there are none, predicted against measured
 /// numbers.
 pub fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
@@ -70,9 +73,9 @@ pub fn draw_chart(out: &Path, found: &Identified) -> Result<()> {
         false => ["measured", "predicted"],
     };
     Chart {
-        title: match values.is_empty() {
-            true => "measured and predicted numbers".to_owned(),
-            false => values.join(", "),
+        title: match values.len() {
+            1..=SHOWN_VALUES => values.join(", "),
+            _ => "measured and predicted numbers".to_owned(),
         },
         x: Axis::linear(x),
         y: Axis::linear(y),
